@@ -1,0 +1,170 @@
+"""Kalman filter on poses and command history, rolled forward to the moment the next command acts."""
+
+from collections import deque
+from dataclasses import dataclass
+from math import atan2, cos, isfinite, pi, sin
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Unit, doc
+
+from controllers.model import Input, Model, State, advance
+from controllers.signals import Array, Estimate, Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Kalman:
+    """Per axis x y z yaw: position, velocity and a disturbance acceleration, driven by the model and the commands."""
+
+    kind: Literal["kalman"] = "kalman"
+    roll_forward: Annotated[bool, doc("predict on to when the command acts; off: take old poses for new")] = True
+    command_delay: Annotated[float, Ge(0), Unit("s"), doc("believed time from a control step to its effect")] = 0.022
+    position_noise: Annotated[float, Gt(0), Unit("m"), doc("believed standard deviation of a position")] = 0.0005
+    yaw_noise: Annotated[float, Gt(0), Unit("rad"), doc("believed standard deviation of a heading")] = 0.0052
+    velocity_walk: Annotated[float, Gt(0), Unit("m/s/sqrt(s)"), doc("unmodelled acceleration, white")] = 0.2
+    yaw_rate_walk: Annotated[float, Gt(0), Unit("rad/s/sqrt(s)"), doc("unmodelled yaw acceleration, white")] = 1.0
+    disturbance_walk: Annotated[float, Ge(0), Unit("m/s^2/sqrt(s)"), doc("drift of the disturbance")] = 0.2
+    yaw_disturbance_walk: Annotated[float, Ge(0), Unit("rad/s^2/sqrt(s)"), doc("drift of the yaw disturbance")] = 1.0
+    gate: Annotated[float, Gt(0), doc("squared innovation over its variance that refuses a pose; 10.8 is 0.1 %")] = 10.8
+    reset_after: Annotated[int, Ge(1), doc("refused poses in a row after which the filter starts anew")] = 20
+
+    @property
+    def lead(self) -> float:
+        """How far ahead of the control time its estimates hold, s."""
+        return self.command_delay if self.roll_forward else 0.0
+
+    def start(self, model: Model) -> "KalmanFilter":
+        """A filter for one flight that believes in `model`."""
+        return KalmanFilter(self, model)
+
+
+class KalmanFilter:
+    """One flight's filter: the state at the newest pose, its covariance and the commands since."""
+
+    def __init__(self, spec: Kalman, model: Model) -> None:
+        self._spec, self._model = spec, model
+        self._delay = round(spec.command_delay * 1e9)
+        self._R = np.array([spec.position_noise] * 3 + [spec.yaw_noise]) ** 2
+        # Drag is taken along the world axes here: its share in the covariance of one frame is below 1 %.
+        self._drag = np.array([model.k_x, model.k_y, 0.0, model.k_yaw])
+        self._walk = np.zeros((4, 3))
+        self._walk[:, 1] = np.array([spec.velocity_walk] * 3 + [spec.yaw_rate_walk]) ** 2
+        self._walk[:, 2] = np.array([spec.disturbance_walk] * 3 + [spec.yaw_disturbance_walk]) ** 2
+        self._acting: deque[tuple[int, Input]] = deque([(-(1 << 62), model.u_hover)])
+        self._x: State | None = None
+        self._d = (0.0, 0.0, 0.0, 0.0)
+        self._P = np.zeros((4, 3, 3))
+        self._stamp, self._age = -1, 0
+        self._rejected, self._rejected_in_a_row = 0, 0
+
+    def command_sent(self, now: int, u: Array) -> None:
+        """Remember the input u (4,) decided at `now` (ns): it acts `command_delay` later."""
+        ux, uy, uz, uyaw = u.tolist()
+        self._acting.append((now + self._delay, (ux, uy, uz, uyaw)))
+
+    def receive(self, now: int, pose: Pose) -> None:
+        """Fuse a pose at its capture time; one that is stale, not finite or outside the gate is refused."""
+        x, y, z = pose.position.tolist()
+        yaw = heading(pose.quat_wxyz)
+        if not all(map(isfinite, (x, y, z, yaw))) or pose.stamp <= self._stamp:
+            self._rejected += 1
+            return
+        measured = (x, y, z, yaw)
+        if self._x is None:
+            self._restart(pose.stamp, measured)
+        else:
+            self._fuse(pose.stamp, measured)
+        self._age = now - pose.stamp
+
+    def estimate(self, now: int) -> Estimate | None:
+        """The state when the next command acts; without roll-forward, the last seen one labelled `now`."""
+        if self._x is None:
+            return None
+        stamp = now + self._delay if self._spec.roll_forward else now
+        until = stamp if self._spec.roll_forward else now - self._age
+        x = self._predict(self._x, self._stamp, until)
+        P = self._spread(max(until - self._stamp, 0) * 1e-9)
+        variance = np.diagonal(P, axis1=1, axis2=2).copy()
+        return Estimate(stamp, np.array(x), np.array(self._d), variance, self._stamp, self._rejected)
+
+    def _restart(self, stamp: int, measured: tuple[float, float, float, float]) -> None:
+        self._x, self._stamp, self._d = (*measured, 0.0, 0.0, 0.0, 0.0), stamp, (0.0, 0.0, 0.0, 0.0)
+        self._P = np.zeros((4, 3, 3))
+        self._P[:, 0, 0] = self._R
+        # Nothing is known of the motion yet: 1 m/s, 3 rad/s, and 0.3 m/s^2 or 3 rad/s^2 of disturbance.
+        self._P[:, 1, 1] = [1.0, 1.0, 1.0, 9.0]
+        self._P[:, 2, 2] = [0.09, 0.09, 0.09, 9.0]
+
+    def _fuse(self, stamp: int, measured: tuple[float, float, float, float]) -> None:
+        assert self._x is not None
+        x = self._predict(self._x, self._stamp, stamp)
+        P = self._spread((stamp - self._stamp) * 1e-9)
+        turn = (measured[3] - x[3] + pi) % (2 * pi) - pi
+        innovation = np.array([measured[0] - x[0], measured[1] - x[1], measured[2] - x[2], turn])
+        S = P[:, 0, 0] + self._R
+        if (innovation * innovation > self._spec.gate * S).any():
+            self._rejected += 1
+            self._rejected_in_a_row += 1
+            if self._rejected_in_a_row >= self._spec.reset_after:
+                self._rejected_in_a_row = 0
+                self._restart(stamp, (*measured[:3], x[3] + turn))
+            return
+        self._rejected_in_a_row = 0
+        K = P[:, :, 0] / S[:, None]
+        self._P = P - K[:, :, None] * P[:, None, 0, :]
+        (dx, dvx, dax), (dy, dvy, day), (dz, dvz, daz), (dyaw, dr, dar) = (K * innovation[:, None]).tolist()
+        self._x = _corrected(x, (dx, dy, dz, dyaw), (dvx, dvy, dvz, dr))
+        d = self._d
+        self._d = (d[0] + dax, d[1] + day, d[2] + daz, d[3] + dar)
+        self._stamp = stamp
+        while len(self._acting) > 1 and self._acting[1][0] <= stamp:
+            self._acting.popleft()
+
+    def _predict(self, x: State, start: int, until: int) -> State:
+        """Fly the believed model from `start` to `until` under the commands that act in between."""
+        pieces = self._acting
+        for i, (since, u) in enumerate(pieces):
+            end = min(until, pieces[i + 1][0]) if i + 1 < len(pieces) else until
+            begin = max(start, since)
+            if end > begin:
+                x = advance(self._model, x, u, (end - begin) * 1e-9, self._d)
+        return x
+
+    def _spread(self, dt: float) -> Array:
+        """The covariances (4, 3, 3), x = [position, velocity, disturbance], `dt` seconds on."""
+        F = np.zeros((4, 3, 3))
+        F[:, [0, 1, 2], [0, 1, 2]] = 1.0
+        F[:, 0, 1] = F[:, 1, 2] = dt
+        F[:, 0, 2] = 0.5 * dt * dt
+        F[:, 1, 1] += self._drag * dt
+        P = F @ self._P @ F.transpose(0, 2, 1)
+        P[:, [0, 1, 2], [0, 1, 2]] += self._walk * dt
+        return P
+
+
+def heading(quat_wxyz: Array) -> float:
+    """Yaw of an attitude (4,), rad in (-pi, pi]; NaN where it is not a rotation."""
+    w, x, y, z = quat_wxyz.tolist()
+    norm = w * w + x * x + y * y + z * z
+    if not 0.5 < norm < 2.0:
+        return float("nan")
+    return atan2(2.0 * (w * z + x * y), norm - 2.0 * (y * y + z * z))
+
+
+def _corrected(x: State, position: Input, velocity_world: Input) -> State:
+    """Add corrections of x y z yaw and of their rates; velocities stand still in the world while the yaw is corrected."""
+    c, s = cos(x[3]), sin(x[3])
+    wx = c * x[4] - s * x[5] + velocity_world[0]
+    wy = s * x[4] + c * x[5] + velocity_world[1]
+    yaw = x[3] + position[3]
+    c, s = cos(yaw), sin(yaw)
+    return (
+        x[0] + position[0],
+        x[1] + position[1],
+        x[2] + position[2],
+        yaw,
+        c * wx + s * wy,
+        c * wy - s * wx,
+        x[6] + velocity_world[2],
+        x[7] + velocity_world[3],
+    )

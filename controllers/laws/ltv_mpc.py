@@ -1,0 +1,125 @@
+"""The paper's controller: linear time-varying model predictive control, (10)-(26), solved by ProxQP."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Unit, doc
+
+from controllers.condensed_qp import CondensedQp, Condenser, Limits, Weights, riccati_terminal_weight
+from controllers.laws import safe_hover
+from controllers.ltv import N_STATES, Coupling, Discretisation, Ltv, discretise, jacobians, linearise, shift
+from controllers.model import Model
+from controllers.proxqp import ProxQp, Solution
+from controllers.signals import Array, Command, Estimate, Plan, QpReport, Reference
+
+Weight = Annotated[float, Ge(0)]
+InputWeight = Annotated[float, Gt(0)]
+
+
+@dataclass(frozen=True, slots=True)
+class LtvMpc:
+    """LTV-MPC with the paper's horizon and weights (30)."""
+
+    kind: Literal["ltv_mpc"] = "ltv_mpc"
+    period: Annotated[float, Ge(0.001), Le(0.2), Unit("s"), doc("control period T_s")] = 0.02
+    horizon: Annotated[int, Ge(1), Le(60), doc("p of (26): p + 1 inputs, p + 2 states")] = 18
+    coupling: Annotated[Coupling, doc("yaw in the linear model of x and y; removed is what the paper flew")] = "removed"
+    discretisation: Annotated[Discretisation, doc("of the linear model (17)")] = "euler"
+    terminal: Annotated[Literal["paper", "riccati"], doc("Q_f = Q, or the Riccati cost-to-go")] = "paper"
+    k_i: Annotated[float, Ge(0), Unit("1/s"), doc("gain of the integral states in (1)")] = 2.0
+    Q: Annotated[
+        tuple[Weight, Weight, Weight, Weight, Weight, Weight, Weight, Weight, Weight, Weight],
+        doc("state weights: x y z yaw, vx vy vz yaw rate, x_int y_int"),
+    ] = (50.0, 50.0, 5.0, 10.0, 3.0, 3.0, 1.0, 2.0, 15.0, 15.0)
+    R: Annotated[
+        tuple[InputWeight, InputWeight, InputWeight, InputWeight], doc("input weights: pitch, roll, thrust, yaw")
+    ] = (2.0, 2.0, 2.0, 2.0)
+    model: Annotated[Model, doc("the helicopter as the controller believes it")] = field(default_factory=Model)
+
+    @property
+    def steps(self) -> int:
+        """Inputs in the horizon: the sums of (26) run over k = t .. t + p."""
+        return self.horizon + 1
+
+    def start(self) -> "LtvMpcController":
+        """A controller for one flight."""
+        return LtvMpcController(self)
+
+
+class LtvMpcController:
+    """One flight's LTV-MPC: the last plan, the integral states and the warm-started solver."""
+
+    def __init__(self, spec: LtvMpc) -> None:
+        self._spec = spec
+        model = spec.model
+        self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max))
+        self._condenser, self._solver = Condenser(spec.steps), ProxQp(spec.steps)
+        Q = np.diag(spec.Q)
+        self._weights = Weights(np.sqrt(np.array(spec.Q)), np.array(spec.R), np.sqrt(Q))
+        if spec.terminal == "riccati":
+            A, B = jacobians(model, spec.k_i, np.zeros((1, N_STATES)), "removed")
+            A, B = discretise(A, B, spec.period, spec.discretisation)
+            P = riccati_terminal_weight(A[0], B[0], Q, np.diag(spec.R))
+            self._weights = self._weights._replace(sqrt_Qf=np.linalg.cholesky(P).T)
+        self._u_nominal: Array | None = None
+        self._integral, self._last_error = np.zeros(2), np.zeros(2)
+        self._unsolved = 0
+
+    def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
+        """Solve (26) from the estimate and send the first input of the plan.
+
+        Where the QP is infeasible or does not converge in time, its velocity bounds are softened; where that
+        fails too, the last plan is flown on, and after its end a level hover is commanded.
+        """
+        if not np.isfinite(estimate.x).all():
+            return safe_hover(self._spec.model, now)
+        ltv, qp = self.problem(estimate, reference)
+        solution = self._solver(qp)
+        self._unsolved = 0 if solution else self._unsolved + 1
+        if self._unsolved > self._spec.steps:
+            return safe_hover(self._spec.model, now)._replace(solve_ns=self._solver.solve_ns)
+        u = solution.u.reshape(-1, 4) if solution else ltv.u_nominal
+        self._u_nominal = shift(u)
+        plan = Plan(self._condenser.predict(ltv, u), u, ltv.u_nominal)
+        return Command(now, u[0], plan, _report(solution), self._solver.solve_ns)
+
+    def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, CondensedQp]:
+        """Linearise along the nominal inputs and condense (26)."""
+        spec = self._spec
+        error = estimate.x[:2] - reference.x[0, :2]
+        self._integral += (0.5 * spec.k_i * spec.period) * (error + self._last_error)
+        self._last_error = error
+        u_nominal = self._u_nominal
+        if u_nominal is None:
+            u_nominal = np.clip(reference.u, self._limits.u_min, self._limits.u_max)
+        x_ref = np.zeros((spec.steps + 1, N_STATES))
+        x_ref[:, :8] = reference.x
+        ltv = linearise(
+            spec.model,
+            spec.k_i,
+            np.concatenate([estimate.x, self._integral]),
+            u_nominal,
+            reference.x[:, :2],
+            spec.period,
+            spec.coupling,
+            spec.discretisation,
+        )
+        return ltv, self._condenser(ltv, self._turned_weights(ltv), self._limits, x_ref, reference.u)
+
+    def _turned_weights(self, ltv: Ltv) -> Weights:
+        """The Riccati weight belongs to a helicopter that looks north: turn it to the heading at the horizon's end."""
+        if self._spec.terminal == "paper":
+            return self._weights
+        yaw = ltv.x_nominal[-1, 3]
+        turn = np.eye(N_STATES)
+        for i in (0, 8):
+            turn[i : i + 2, i : i + 2] = [[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]
+        return self._weights._replace(sqrt_Qf=self._weights.sqrt_Qf @ turn)
+
+
+def _report(solution: Solution | None) -> QpReport:
+    if solution is None:
+        return QpReport("shifted_plan", 0, 0, 0.0, 0.0)
+    status = "softened" if solution.softened else "solved"
+    return QpReport(status, solution.iterations, solution.active_bounds, solution.objective, solution.slack)

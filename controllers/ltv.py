@@ -1,0 +1,134 @@
+"""The linear time-varying model (10)-(25): roll out the nominal inputs, linearise along them, discretise.
+
+States here are the ten of (1): the eight physical ones and the integral states x_int, y_int.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from controllers.model import Model, State, advance
+from controllers.signals import Array
+
+Coupling = Literal["removed", "full"]
+Discretisation = Literal["euler", "exact"]
+
+N_STATES, N_INPUTS = 10, 4
+
+
+class Ltv(NamedTuple):
+    """x_{k+1} = x_nominal_{k+1} + A_k (x_k - x_nominal_k) + B_k (u_k - u_nominal_k), (21)."""
+
+    A: Array
+    """(N, 10, 10) discrete state matrices."""
+    B: Array
+    """(N, 10, 4) discrete input matrices."""
+    x_nominal: Array
+    """(N + 1, 10) nominal states (12)."""
+    u_nominal: Array
+    """(N, 4) nominal inputs (13)."""
+
+
+def shift(u: Array) -> Array:
+    """The next nominal inputs (N, 4): last plan without its first input, its last one twice, (25)."""
+    return np.concatenate([u[1:], u[-1:]])
+
+
+def rollout(model: Model, k_i: float, x0: Array, u_nominal: Array, xy_ref: Array, period: float) -> Array:
+    """The nonlinear model under the nominal inputs, (10)-(13).
+
+    The integral states follow the trapezoidal rule, as the controller's own integrals do.
+
+    Args:
+        model: Believed parameters.
+        k_i: Gain of the integral states in (1), 1/s.
+        x0: (10,) newest state.
+        u_nominal: (N, 4) nominal inputs.
+        xy_ref: (N + 1, 2) reference position, m.
+        period: Sampling period, s.
+
+    Returns:
+        (N + 1, 10) nominal states.
+    """
+    px, py, pz, yaw, vx, vy, vz, r, *_ = x0.tolist()
+    x: State = (px, py, pz, yaw, vx, vy, vz, r)
+    rows = [x]
+    for u in u_nominal.tolist():
+        x = advance(model, x, u, period)
+        rows.append(x)
+    out = np.empty((len(rows), N_STATES))
+    out[:, :8] = rows
+    error = out[:, :2] - xy_ref
+    out[0, 8:] = x0[8:]
+    out[1:, 8:] = x0[8:] + np.cumsum((0.5 * k_i * period) * (error[1:] + error[:-1]), axis=0)
+    return out
+
+
+def jacobians(model: Model, k_i: float, x: Array, coupling: Coupling) -> tuple[Array, Array]:
+    """Continuous-time Jacobians of (1) at the states x (n, 10), (15).
+
+    `coupling="removed"` is the variant that the paper flew: position and body velocity in the plane do not
+    depend on yaw and yaw rate; only the rotation by the nominal yaw stays.
+
+    Returns:
+        A (n, 10, 10) and B (10, 4), which is the same at every state.
+    """
+    A = np.zeros((len(x), N_STATES, N_STATES))
+    yaw, vx, vy, r = x[:, 3], x[:, 4], x[:, 5], x[:, 7]
+    c, s = np.cos(yaw), np.sin(yaw)
+    A[:, 0, 4] = A[:, 1, 5] = c
+    A[:, 0, 5] = -s
+    A[:, 1, 4] = s
+    A[:, 2, 6] = A[:, 3, 7] = 1.0
+    A[:, 4, 4] = model.k_x
+    A[:, 5, 5] = model.k_y
+    A[:, 7, 7] = model.k_yaw
+    A[:, 8, 0] = A[:, 9, 1] = k_i
+    if coupling == "full":
+        A[:, 0, 3] = -s * vx - c * vy
+        A[:, 1, 3] = c * vx - s * vy
+        A[:, 4, 5], A[:, 4, 7] = r, vy
+        A[:, 5, 4], A[:, 5, 7] = -r, -vx
+    B = np.zeros((N_STATES, N_INPUTS))
+    B[4, 0], B[5, 1], B[6, 2], B[7, 3] = model.b_x, model.b_y, model.b_z, model.b_yaw
+    return A, B
+
+
+def discretise(A: Array, B: Array, period: float, method: Discretisation) -> tuple[Array, Array]:
+    """Discrete matrices (17) of continuous ones under a held input.
+
+    Args:
+        A: (n, 10, 10).
+        B: (10, 4).
+        period: s.
+        method: `euler`, the paper's, or `exact`, the matrix exponential.
+
+    Returns:
+        (n, 10, 10) and (n, 10, 4).
+    """
+    step = period * A
+    eye = np.eye(N_STATES)
+    if method == "euler":
+        return eye + step, np.broadcast_to(period * B, (len(A), *B.shape))
+    # exp(M) and its integral by Horner's rule: at a 20 ms period the norm of M stays below 1 within the speed
+    # limits, where 16 terms leave less than 1e-14.
+    integral = np.broadcast_to(eye, A.shape)
+    for term in range(16, 1, -1):
+        integral = eye + step @ integral / term
+    return eye + step @ integral, integral @ (period * B)
+
+
+def linearise(
+    model: Model,
+    k_i: float,
+    x0: Array,
+    u_nominal: Array,
+    xy_ref: Array,
+    period: float,
+    coupling: Coupling,
+    discretisation: Discretisation,
+) -> Ltv:
+    """The LTV model along the nominal inputs from the newest state, (10)-(23); arguments as in `rollout`."""
+    x_nominal = rollout(model, k_i, x0, u_nominal, xy_ref, period)
+    A, B = discretise(*jacobians(model, k_i, x_nominal[:-1], coupling), period, discretisation)
+    return Ltv(A, B, x_nominal, u_nominal)

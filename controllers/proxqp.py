@@ -1,0 +1,160 @@
+"""The door to ProxSuite: dense ProxQP in a bounded time, with a softened second try."""
+
+from time import perf_counter_ns
+from typing import NamedTuple
+
+import numpy as np
+from proxsuite import proxqp
+
+from controllers.condensed_qp import CondensedQp
+from controllers.ltv import N_INPUTS
+from controllers.signals import Array
+
+
+class Solution(NamedTuple):
+    """A minimiser of a condensed QP."""
+
+    u: Array
+    """(n,) stacked inputs, inside their box."""
+    softened: bool
+    """Whether the velocity bounds had to give."""
+    slack: float
+    """Largest excess over a velocity bound, m/s or rad/s; 0 unless softened."""
+    iterations: int
+    """Outer iterations, both attempts together."""
+    active_bounds: int
+    """Multipliers that are not zero."""
+    objective: float
+    """1/2 u'H u + g'u, without the softening penalty."""
+
+
+class ProxQp:
+    """Solves one condensed QP a control step: the hard one first, then one whose velocity bounds can give.
+
+    Warm-started by the last solution. An infeasible dense QP can take ProxQP minutes, and a barely feasible one
+    is as bad (ProxSuite #291), so that both attempts work under a tight iteration limit. H, g, C and all bounds
+    change every step, since the model is time-varying; updating g alone would be wrong.
+
+    The object keeps warm-start state: make a new one for every flight.
+
+    Args:
+        steps: N, inputs in the horizon; n = 4 N variables.
+        penalty: Weight of the slack of each velocity axis, linear and quadratic alike.
+    """
+
+    def __init__(self, steps: int, penalty: float = 1e3) -> None:
+        n = N_INPUTS * steps
+        self._n, self._penalty = n, penalty
+        self._hard = _Solver(n, n, eps=1e-6, max_iter=9, max_iter_in=12)
+        self._soft: _Solver | None = None
+        self._axis = np.tile(np.eye(4), (steps, 1))
+        self.solve_ns = 0
+        """Measured wall time of the last call, ns."""
+
+    def __call__(self, qp: CondensedQp) -> Solution | None:
+        """Solve, or None where neither attempt converged."""
+        began = perf_counter_ns()
+        solution = self._solve(qp)
+        self.solve_ns = perf_counter_ns() - began
+        return solution
+
+    def _solve(self, qp: CondensedQp) -> Solution | None:
+        hard = self._hard
+        iterations = 0
+        if not _out_of_reach(qp):
+            if hard.solve(qp.H, qp.g, qp.C, qp.v_low, qp.v_high, qp.u_low, qp.u_high):
+                return self._solution(qp, hard.x, False, 0.0, hard.iterations, hard.active())
+            iterations = hard.iterations
+        hard.forget()
+        soft = self._soften(qp)
+        if soft is None:
+            return None
+        slack = float(soft.x[self._n :].max())
+        return self._solution(qp, soft.x[: self._n], True, slack, iterations + soft.iterations, soft.active())
+
+    def _soften(self, qp: CondensedQp) -> "_Solver | None":
+        """Add one slack s >= 0 per velocity axis: v_low - s <= C u <= v_high + s.
+
+        One slack that moves both bounds to one side would halve the rows, but a turning helicopter that is too
+        fast has to pass from one bound to the other.
+        """
+        n, m = self._n, len(qp.C)
+        if self._soft is None:
+            self._soft = _Solver(n + 4, 2 * m, eps=1e-4, max_iter=20, max_iter_in=60)
+        H = np.zeros((n + 4, n + 4))
+        H[:n, :n] = qp.H
+        H[range(n, n + 4), range(n, n + 4)] = self._penalty
+        soft, far = self._soft, np.full(m, np.inf)
+        done = soft.solve(
+            H,
+            np.concatenate([qp.g, np.full(4, self._penalty)]),
+            np.block([[qp.C, self._axis], [qp.C, -self._axis]]),
+            np.concatenate([qp.v_low, -far]),
+            np.concatenate([far, qp.v_high]),
+            np.concatenate([qp.u_low, np.zeros(4)]),
+            np.concatenate([qp.u_high, np.full(4, np.inf)]),
+        )
+        if not done:
+            soft.forget()
+            return None
+        return soft
+
+    def _solution(
+        self, qp: CondensedQp, u: Array, softened: bool, slack: float, iterations: int, active: int
+    ) -> Solution:
+        # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
+        u = np.clip(u, qp.u_low, qp.u_high)
+        return Solution(u, softened, slack, iterations, active, float(0.5 * u @ (qp.H @ u) + qp.g @ u))
+
+
+def _out_of_reach(qp: CondensedQp) -> bool:
+    """Whether no input in the box brings the first predicted velocities inside their bounds.
+
+    That is how a QP becomes infeasible in practice (the helicopter is too fast), and it is seen at once.
+    """
+    C = qp.C[:4, :N_INPUTS]
+    low, high = C * qp.u_low[:N_INPUTS], C * qp.u_high[:N_INPUTS]
+    least, most = np.minimum(low, high).sum(axis=1), np.maximum(low, high).sum(axis=1)
+    return bool((least > qp.v_high[:4]).any() or (most < qp.v_low[:4]).any())
+
+
+class _Solver:
+    """One ProxQP object of fixed size."""
+
+    def __init__(self, n: int, m: int, *, eps: float, max_iter: int, max_iter_in: int) -> None:
+        self._qp = proxqp.dense.QP(n, 0, m, True)
+        settings = self._qp.settings
+        settings.eps_abs, settings.eps_rel = eps, 0.0
+        settings.max_iter, settings.max_iter_in = max_iter, max_iter_in
+        settings.compute_timings = False
+        self.forget()
+        self._ready = False
+
+    def forget(self) -> None:
+        """Start the next solve from nothing: a failed one leaves no useful guess."""
+        self._qp.settings.initial_guess = proxqp.NO_INITIAL_GUESS
+
+    def solve(self, H: Array, g: Array, C: Array, low: Array, high: Array, u_low: Array, u_high: Array) -> bool:
+        """Solve; True where it converged to a finite point."""
+        # init -> update before the first solve segfaults in ProxSuite 0.8.0; init -> solve -> update does not.
+        put = self._qp.update if self._ready else self._qp.init
+        put(H, g, None, None, C, low, high, u_low, u_high)
+        self._ready = True
+        self._qp.solve()
+        self._qp.settings.initial_guess = proxqp.WARM_START_WITH_PREVIOUS_RESULT
+        status = self._qp.results.info.status
+        return status == proxqp.PROXQP_SOLVED and bool(np.isfinite(self.x).all())
+
+    @property
+    def x(self) -> Array:
+        """(n,) last primal iterate."""
+        return self._qp.results.x
+
+    @property
+    def iterations(self) -> int:
+        """Outer iterations of the last solve."""
+        return self._qp.results.info.iter
+
+    def active(self) -> int:
+        """Multipliers of the last solve that are not zero."""
+        return int(np.count_nonzero(self._qp.results.z))

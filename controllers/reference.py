@@ -1,0 +1,94 @@
+"""The planned flight as the controller reads it: checked for limits once, then sampled ahead of the flight."""
+
+import numpy as np
+
+from controllers.errors import InfeasibleTrajectory
+from controllers.flatness import feed_forward, state
+from controllers.model import Model
+from controllers.signals import Array, Reference
+from controllers.trajectories import Trajectory
+
+_BLOCK = 512
+"""Samples evaluated at a time: memory does not grow with the flight, and NumPy is called seldom."""
+
+
+class ReferencePreview:
+    """Reference states and inputs from any control time on.
+
+    Samples lie on the grid `origin + k period`. Before time 0 the flight stands at its first point.
+
+    Args:
+        trajectory: The planned flight.
+        model: The believed helicopter, for the feed-forward.
+        period: Control period, ns.
+        origin: Any one stamp that previews will start at, ns; the others are whole periods away.
+    """
+
+    def __init__(self, trajectory: Trajectory, model: Model, period: int, origin: int) -> None:
+        self._trajectory, self._model = trajectory, model
+        self._period, self._origin = period, origin
+        self._first, self._x, self._u = 0, np.empty((0, 8)), np.empty((0, 4))
+
+    def __call__(self, stamp: int, steps: int) -> Reference:
+        """`steps` inputs and one more state, the first at `stamp` (ns, on the grid)."""
+        k, off_grid = divmod(stamp - self._origin, self._period)
+        if off_grid:
+            raise ValueError(f"stamp {stamp} ns is not on the grid {self._origin} + k {self._period} ns")
+        i = k - self._first
+        if i < 0 or i + steps + 1 > len(self._x):
+            self._fill(k, _BLOCK + steps + 1)
+            i = 0
+        return Reference(stamp, self._x[i : i + steps + 1], self._u[i : i + steps])
+
+    def _fill(self, first: int, count: int) -> None:
+        t = 1e-9 * np.maximum(self._origin + self._period * (first + np.arange(count)), 0)
+        flat = self._trajectory.flat(t)
+        self._first, self._x, self._u = first, state(flat), feed_forward(self._model, flat)
+
+
+def check_feasible(trajectory: Trajectory, model: Model, duration: float, period: float) -> None:
+    """Refuse a trajectory whose feed-forward leaves the believed input or velocity limits, (28) and (29).
+
+    Args:
+        trajectory: The planned flight.
+        model: The believed helicopter.
+        duration: How much of it is to be flown, s.
+        period: Sampling of the check, s.
+
+    Raises:
+        InfeasibleTrajectory: Names the first time, the quantity, its value and the limit.
+    """
+    for start in np.arange(0.0, duration + period, _BLOCK * period):
+        t = start + period * np.arange(_BLOCK)
+        t = t[t <= duration]
+        if not t.size:
+            return
+        flat = trajectory.flat(t)
+        v_max = np.array(model.v_max)
+        _refuse(t, feed_forward(model, flat), np.array(model.u_min), np.array(model.u_max), _INPUTS)
+        _refuse(t, state(flat)[:, 4:], -v_max, v_max, _VELOCITIES)
+        _refuse(t, flat.z[:, 2:3], np.zeros(1), np.full(1, np.inf), (("height above the floor", "m"),))
+
+
+_INPUTS = (("pitch input u_x", ""), ("roll input u_y", ""), ("thrust input u_z", ""), ("yaw input u_yaw", ""))
+_VELOCITIES = (
+    ("forward speed vx", "m/s"),
+    ("sideward speed vy", "m/s"),
+    ("vertical speed vz", "m/s"),
+    ("yaw rate", "rad/s"),
+)
+
+
+def _refuse(t: Array, values: Array, low: Array, high: Array, names: tuple[tuple[str, str], ...]) -> None:
+    # Not `values > high`: a NaN or infinity has to be refused too. The slack is rounding only.
+    allowed = (values >= low - 1e-9) & (values <= high + 1e-9)
+    if allowed.all():
+        return
+    i, j = np.argwhere(~allowed)[0]
+    name, unit = names[j]
+    value, limit = values[i, j], low[j] if values[i, j] < low[j] else high[j]
+    raise InfeasibleTrajectory(
+        f"the trajectory cannot be flown: at t = {t[i]:.2f} s it needs {name} = {value:.3g} {unit}".rstrip()
+        + f", the limit is {limit:.3g} {unit}".rstrip()
+        + "; make it slower, smaller or smoother"
+    )

@@ -1,0 +1,26 @@
+"""Stay in one place."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Gt, Unit, doc
+
+from controllers.flatness import FlatOutput
+from controllers.signals import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Hover:
+    """Hold position and heading (the flight of Fig. 4)."""
+
+    kind: Literal["hover"] = "hover"
+    x: Annotated[float, Unit("m"), doc("where to hover, north")] = 0.0
+    y: Annotated[float, Unit("m"), doc("where to hover, west")] = 0.0
+    height: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity above the floor")] = 1.0
+    yaw: Annotated[float, Unit("rad"), doc("heading, 0 is north, positive to port")] = 0.0
+
+    def flat(self, t: Array) -> FlatOutput:
+        """The same point at all times."""
+        rest = np.zeros((len(t), 4))
+        return FlatOutput(rest + [self.x, self.y, self.height, self.yaw], rest, rest)

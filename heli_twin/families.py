@@ -1,0 +1,39 @@
+"""Families of interchangeable parts, found by looking at the files: a new member needs no registry."""
+
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+from types import ModuleType
+
+
+@dataclass(frozen=True, slots=True)
+class OneOf:
+    """Marks a field whose value is any one member of the family that lives in a package or module."""
+
+    package: str
+
+
+@dataclass(frozen=True, slots=True)
+class EachOf:
+    """Marks a field that holds at most one of each member of a family."""
+
+    package: str
+
+
+@cache
+def members(package: str) -> dict[str, type]:
+    """The specs of a family by their `kind`, in alphabetical order.
+
+    A member is a dataclass defined in the module, or in any module of the package, with a field `kind`.
+    """
+    home = import_module(package)
+    modules: list[ModuleType] = [home]
+    for found in iter_modules(getattr(home, "__path__", [])):
+        modules.append(import_module(f"{package}.{found.name}"))
+    kinds = {}
+    for module in modules:
+        for value in vars(module).values():
+            if isinstance(value, type) and is_dataclass(value) and value.__module__ == module.__name__:
+                kinds.update({f.default: value for f in fields(value) if f.name == "kind"})
+    return dict(sorted(kinds.items()))

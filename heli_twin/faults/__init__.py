@@ -1,0 +1,18 @@
+"""What breaks. One file here is one fault; it is found by its `kind` and needs no registry."""
+
+from typing import Protocol
+
+from controllers.signals import Pose
+
+
+class Fault(Protocol):
+    """A fault on the mocap wire, as a value. A frozen dataclass with a literal `kind`."""
+
+    @property
+    def kind(self) -> str:
+        """Its name."""
+        ...
+
+    def pose(self, pose: Pose) -> Pose | None:
+        """What becomes of a pose on its way to the ground station; None where it is lost."""
+        ...

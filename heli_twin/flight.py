@@ -1,0 +1,185 @@
+"""One flight: the experiment becomes a helicopter, a lab and a ground station, and time runs. Read this first."""
+
+from collections.abc import Callable
+from time import perf_counter_ns
+from typing import NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from controllers.laws import safe_hover
+from controllers.reference import ReferencePreview
+from controllers.signals import Command, Estimate
+from heli_twin import disturbances
+from heli_twin.chance import generator, nanoseconds
+from heli_twin.disturbances import together
+from heli_twin.experiment import Experiment, Volume
+from heli_twin.mocap import Arrival
+from heli_twin.plant import Plant, Truth
+from heli_twin.radio import Held
+from heli_twin.recording import Recorder
+
+
+class Outcome(NamedTuple):
+    """How a flight ended. Data, not an exception."""
+
+    kind: str
+    """`completed`, `crashed`, `left_volume` or `diverged`."""
+    time: int
+    """When, ns."""
+    text: str
+    """One sentence."""
+
+
+class Flight:
+    """The lab and the ground station of one experiment, wired together; it flies once.
+
+    Everything random draws from a generator of its own, time is integer nanoseconds, and between two events the
+    plant flies on by whole physics steps: neither the host nor its speed changes a flight.
+
+    Args:
+        experiment: What to fly.
+        plant: The helicopter, at the start of the trajectory.
+        recorder: Takes what crosses the wires.
+        progress: Told the simulated time, s, at every control step.
+    """
+
+    def __init__(
+        self, experiment: Experiment, plant: Plant, recorder: Recorder, progress: Callable[[float], None] = lambda t: None
+    ) -> None:
+        e = experiment
+        self.experiment, self.plant, self.recorder, self.progress = e, plant, recorder, progress
+        self.step, self.period = nanoseconds(e.plant.step), nanoseconds(e.controller.period)
+        self.end = self.on_grid(nanoseconds(e.duration))
+        self.mocap = e.mocap.start(generator(e.seed, "mocap"))
+        self.radio = e.radio.start(generator(e.seed, "radio"))
+        self.surroundings = [d.start(generator(e.seed, d.kind)) for d in e.disturbances]
+        self.compute_chance = generator(e.seed, "compute")
+        self.estimator, self.controller = e.estimator.start(e.controller.model), e.controller.start()
+        self.preview = ReferencePreview(e.trajectory, e.controller.model, self.period, nanoseconds(e.estimator.lead))
+        self.planned = ReferencePreview(e.trajectory, e.controller.model, self.period, 0)
+        self.poses_under_way: list[Arrival] = []
+        self.last_status, self.last_rejected = "", 0
+
+    def run(self) -> Outcome:
+        """Fly to the end, or until the flight is over."""
+        # More threads add numbers in another order.
+        with threadpool_limits(limits=1):
+            return self._run()
+
+    def _run(self) -> Outcome:
+        t = control_due = air_due = 0
+        held, air = Held(-1, self.plant.truth().actuators), together([])
+        self.recorder.acting(t, held.u, held.stamp)
+        while True:
+            truth = self.plant.truth()
+            if t >= air_due:
+                air = together([d.air(truth) for d in self.surroundings])
+                self.recorder.disturbance(t, air)
+                air_due += disturbances.PERIOD
+            if t >= self.mocap.due:
+                self.look(t, truth)
+            if t >= control_due or t == self.end:
+                outcome = self.judge(t, truth)
+                if outcome is not None:
+                    return outcome
+                command = self.control(t)
+                self.radio.send(t + self.experiment.compute.latency_ns(self.compute_chance), command)
+                control_due += self.period
+                self.progress(1e-9 * t)
+            if t >= self.radio.due and (received := self.radio.receive(t)):
+                held = received
+                self.recorder.acting(t, held.u, held.stamp)
+            t = self.on_grid(min(control_due, air_due, self.mocap.due, self.radio.due, self.end))
+            self.plant.advance(t, held.u, air)
+
+    def look(self, t: int, truth: Truth) -> None:
+        """The cameras look, and the pose is on its way unless the frame or a fault loses it."""
+        arrival = self.mocap.capture(t, truth)
+        pose = arrival.pose if arrival else None
+        for fault in self.experiment.faults:
+            pose = fault.pose(pose) if pose else None
+        if arrival and pose:
+            self.poses_under_way.append(Arrival(arrival.at, pose))
+
+    def control(self, t: int) -> Command:
+        """The ground station's step: the poses that have arrived go in, a command comes out."""
+        arrived = sorted((a for a in self.poses_under_way if a.at <= t), key=lambda a: a.at)
+        self.poses_under_way = [a for a in self.poses_under_way if a.at > t]
+        for at, pose in arrived:
+            self.recorder.pose(at, pose)
+            self.estimator.receive(at, pose)
+        estimate = self.estimator.estimate(t)
+        began = perf_counter_ns()
+        if estimate is None:
+            command = safe_hover(self.experiment.controller.model, t)
+        else:
+            reference = self.preview(estimate.stamp, self.experiment.controller.steps)
+            command = self.controller.step(t, estimate, reference)
+        took = perf_counter_ns() - began
+        self.estimator.command_sent(t, command.u)
+        self.record(t, estimate, command, took)
+        return command
+
+    def record(self, t: int, estimate: Estimate | None, command: Command, took_ns: int) -> None:
+        """Everything that crossed the ground station's wires in this step."""
+        recorder = self.recorder
+        if estimate is not None:
+            recorder.estimate(t, estimate)
+            if estimate.rejected != self.last_rejected:
+                self.last_rejected = estimate.rejected
+                recorder.event(t, "warning", "pose_rejected", f"{estimate.rejected} poses refused so far")
+        recorder.sent(t, command)
+        if command.plan is not None:
+            recorder.plan(t, command.plan)
+        if command.qp is not None:
+            recorder.qp(t, command.qp)
+            if command.qp.status != self.last_status:
+                self.last_status = command.qp.status
+                severity = "info" if command.qp.status == "solved" else "warning"
+                recorder.event(t, severity, "qp", f"control problems are now {command.qp.status}")
+        recorder.timing(t, took_ns, command.solve_ns)
+
+    def judge(self, t: int, truth: Truth) -> Outcome | None:
+        """Record where the helicopter is and should be, and say whether the flight is over."""
+        planned = self.planned(t, 1)
+        self.recorder.reference(t, planned)
+        self.recorder.truth(t, truth)
+        outcome = verdict(t, truth, float(planned.x[0, 2]), self.experiment.volume)
+        if outcome is None and t == self.end:
+            outcome = Outcome("completed", t, f"flew the whole {1e-9 * t:g} s")
+        if outcome is not None:
+            severity = "info" if outcome.kind == "completed" else "error"
+            self.recorder.event(t, severity, outcome.kind, outcome.text)
+        return outcome
+
+    def on_grid(self, time: int) -> int:
+        """The first physics step at or after `time` (ns)."""
+        return -(-time // self.step) * self.step
+
+
+def verdict(t: int, truth: Truth, planned_height: float, volume: Volume) -> Outcome | None:
+    """Whether a flight has gone wrong.
+
+    Args:
+        t: ns.
+        truth: The helicopter.
+        planned_height: Where it should be above the floor, m.
+        volume: Where the flight may go.
+    """
+    seconds = 1e-9 * t
+    if not (np.isfinite(truth.position).all() and np.isfinite(truth.quat_wxyz).all() and np.isfinite(truth.velocity).all()):
+        return Outcome("diverged", t, f"the simulation left the real numbers at {seconds:.2f} s")
+    if truth.touching and planned_height > FLOOR_MARGIN:
+        return Outcome("crashed", t, f"hit the floor at {seconds:.2f} s, {planned_height:.2f} m below its plan")
+    x, y, z = truth.position.tolist()
+    if max(abs(x), abs(y)) > volume.half_width or z > volume.height:
+        return Outcome("left_volume", t, f"left the volume at {seconds:.2f} s, at x {x:.2f}, y {y:.2f}, z {z:.2f} m")
+    _, qx, qy, _ = truth.quat_wxyz.tolist()
+    if qx * qx + qy * qy > 0.5:
+        return Outcome("diverged", t, f"turned upside down at {seconds:.2f} s")
+    return None
+
+
+FLOOR_MARGIN = 0.15
+"""A plan that is lower than this means to be on the floor, m; the skids hang about 5 cm below the centre of gravity."""

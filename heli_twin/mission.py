@@ -1,0 +1,163 @@
+"""From an experiment to a result: check it, fly it, keep its log, measure it."""
+
+import os
+import platform
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from controllers.errors import InfeasibleTrajectory
+from controllers.flatness import state
+from controllers.reference import check_feasible
+from heli_twin.chance import nanoseconds
+from heli_twin.configuration import ExperimentError, canonical_json, experiment_of, toml_of, tree_of
+from heli_twin.experiment import Experiment
+from heli_twin.flight import Flight, Outcome
+from heli_twin.metrics import metrics
+from heli_twin.recording import Attachment, Log, Recorder, read_log
+
+PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
+"""Their versions stand in every log."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A flown experiment."""
+
+    experiment: Experiment
+    outcome: Outcome
+    log: Log
+    """Everything that was recorded."""
+    path: Path | None
+    """Where the log is, if it was kept."""
+    flight_digest: str
+    """Hash of the experiment and of every recorded message but the measured times."""
+    real_time_factor: float
+    """Simulated over measured time of the flight, recording included."""
+
+    def summary(self) -> dict[str, Any]:
+        """The result as `heli-twin fly --json` prints it."""
+        return metrics(self.log) | {
+            "outcome_text": self.outcome.text,
+            "real_time_factor": self.real_time_factor,
+            "log": str(self.path) if self.path else None,
+            "flight_digest": self.flight_digest,
+        }
+
+
+def fly(
+    experiment: Experiment,
+    *,
+    log_dir: Path | str | None = "logs",
+    progress: Callable[[float], None] = lambda t: None,
+    listeners: tuple[Callable[[str, int, bytes], None], ...] = (),
+) -> Result:
+    """Fly one experiment.
+
+    Args:
+        experiment: What to fly; it is validated like one from a file.
+        log_dir: Folder for the log, made if need be; None keeps the log in memory.
+        progress: Told the simulated time, s, at every control step.
+        listeners: Given every recorded message: topic, log time (ns), bytes.
+
+    Raises:
+        ExperimentError: The experiment cannot be flown; the message names the field.
+        LogError: The log cannot be written.
+    """
+    experiment = checked(experiment)
+    path = _new_path(Path(log_dir), experiment) if log_dir is not None else None
+    plant = experiment.plant.start(_start_state(experiment))
+    recorder = Recorder(
+        path,
+        experiment=canonical_json(experiment),
+        metadata=provenance(),
+        attachments=_attachments(experiment, plant.description()),
+        listeners=listeners,
+    )
+    with recorder:
+        began = perf_counter()
+        outcome = Flight(experiment, plant, recorder, progress).run()
+        took = perf_counter() - began
+        recorder.close(outcome.kind, outcome.time, text=outcome.text)
+    log = read_log(path if path is not None else recorder.stream)
+    return Result(experiment, outcome, log, path, recorder.digest, 1e-9 * outcome.time / took)
+
+
+def checked(experiment: Experiment) -> Experiment:
+    """An experiment whose fields are valid by themselves and together.
+
+    Raises:
+        ExperimentError: One sentence that names the field, its value and the limit.
+    """
+    e = experiment_of(tree_of(experiment))
+    step, period = nanoseconds(e.plant.step), nanoseconds(e.controller.period)
+    if period % step:
+        nearest = max(1, round(period / step)) * e.plant.step
+        raise ExperimentError(
+            f"controller.period = {e.controller.period} s has to be a whole number of physics steps"
+            f" (plant.step = {e.plant.step} s): the nearest is {nearest:.6g} s"
+        )
+    try:
+        check_feasible(e.trajectory, e.controller.model, e.duration, e.controller.period)
+    except InfeasibleTrajectory as error:
+        raise ExperimentError(f"trajectory: {error}") from None
+    return e
+
+
+def _start_state(experiment: Experiment) -> np.ndarray:
+    return state(experiment.trajectory.flat(np.zeros(1)))[0]
+
+
+def _new_path(folder: Path, experiment: Experiment) -> Path:
+    """A name that tells what was flown, and that no other log has."""
+    kinds = [tree_of(experiment)[part]["kind"] for part in ("plant", "trajectory", "controller")]
+    stem = "-".join([datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), *kinds, f"seed{experiment.seed}"])
+    path, count = folder / f"{stem}.mcap", 1
+    while path.exists() or path.with_name(path.name + ".part").exists():
+        count += 1
+        path = folder / f"{stem}-{count}.mcap"
+    return path
+
+
+def _attachments(experiment: Experiment, mjcf: str) -> list[Attachment]:
+    files = [Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())]
+    return [*files, Attachment("plant.xml", "application/xml", mjcf.encode())] if mjcf else files
+
+
+def provenance() -> dict[str, str]:
+    """Where and with what a flight was flown; none of it determines the flight."""
+    found = {"started": datetime.now(UTC).isoformat(), "python": platform.python_version(), "platform": platform.platform()}
+    found["cpu"] = _cpu()
+    found["processes"] = str(os.cpu_count())
+    found["git_commit"] = _git_commit()
+    for package in PACKAGES:
+        try:
+            found[f"version.{package}"] = version(package)
+        except PackageNotFoundError:
+            found[f"version.{package}"] = "not installed"
+    return found
+
+
+def _cpu() -> str:
+    """The processor's name: last digits differ between vector instruction sets."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.processor())
+
+
+def _git_commit() -> str:
+    """The commit of the checkout this package runs from; empty outside one."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""

@@ -1,0 +1,80 @@
+"""The helicopter as it is: what every plant gives and takes. One file here is one kind of plant."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from controllers.signals import Array
+
+
+class Truth(NamedTuple):
+    """What the helicopter really does. Only the lab sees it."""
+
+    stamp: int
+    """ns."""
+    position: Array
+    """(3,) centre of gravity, world, m."""
+    quat_wxyz: Array
+    """(4,) body attitude in world, scalar first."""
+    velocity: Array
+    """(3,) world, m/s."""
+    angular_velocity: Array
+    """(3,) body, rad/s."""
+    yaw: float
+    """Heading, unwrapped, rad."""
+    yaw_rate: float
+    """rad/s."""
+    actuators: Array
+    """(4,) what the servos, rotors and yaw drive have reached, in units of the inputs."""
+    touching: bool
+    """Whether any part touches the floor."""
+
+
+class Air(NamedTuple):
+    """What the surroundings do to the helicopter until the next update."""
+
+    wind: Array
+    """(3,) velocity of the air, world, m/s."""
+    acceleration: Array
+    """(3,) push that no model explains, world, m/s^2."""
+    thrust_factor: float = 1.0
+    """Thrust as a fraction of nominal: battery, ground effect."""
+
+
+STILL_AIR = Air(np.zeros(3), np.zeros(3))
+
+
+class Plant(Protocol):
+    """A flying helicopter. It is made by its spec's `start(x)` at rest in its trim and dies with the flight."""
+
+    def truth(self) -> Truth:
+        """What it does now; the arrays are the caller's to keep."""
+        ...
+
+    def advance(self, until: int, u: Array, air: Air) -> None:
+        """Fly on to `until` (ns, a multiple of the step) with the input (4,) that the receiver holds."""
+        ...
+
+    def description(self) -> str:
+        """What was simulated, as text to keep with the log (the compiled MJCF; empty if there is none)."""
+        ...
+
+
+class PlantSpec(Protocol):
+    """How the helicopter is. A frozen dataclass with a literal `kind`."""
+
+    @property
+    def step(self) -> float:
+        """Length of one physics step, s."""
+        ...
+
+    def start(self, x: Array) -> Plant:
+        """Make the helicopter in physical state x (8,), level, trimmed for hover, at time 0."""
+        ...
+
+
+def physical_state(truth: Truth) -> Array:
+    """The eight states of the controller's model (8,), velocities turned into the yaw frame."""
+    c, s = np.cos(truth.yaw), np.sin(truth.yaw)
+    vx, vy, vz = truth.velocity
+    return np.array([*truth.position, truth.yaw, c * vx + s * vy, c * vy - s * vx, vz, truth.yaw_rate])

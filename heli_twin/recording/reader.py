@@ -1,0 +1,155 @@
+"""Reading a flight log: every checksum checked, damage told in one sentence."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import IO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
+from mcap.records import Chunk, DataEnd, Footer
+from mcap.stream_reader import get_chunk_data_stream
+from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
+
+from heli_twin.recording.log import Attachment, Log, Messages
+from heli_twin.recording.schema import EXPERIMENT, FORMAT, LogError
+
+MAX_FILE = 2 * 1024**3
+"""Bytes of the largest file that is read; an hour of flight is about 400 MB."""
+MAX_CHUNK = 64 * 1024**2
+"""Bytes of the largest chunk that is unpacked; the recorder's are 256 KiB."""
+
+RECORD = struct.Struct("<BQ")
+"""What every MCAP record starts with: opcode and length."""
+MESSAGE = struct.Struct("<HIQQ")
+"""What every message starts with: channel, sequence, log and publish time."""
+_FOOTER_SIZE, _DATA_END_SIZE = RECORD.size + 20, RECORD.size + 4
+
+
+def read_log(source: Path | str | IO[bytes]) -> Log:
+    """Read a whole log; its columns are decoded when they are asked for.
+
+    Args:
+        source: A file, or a stream that can seek, such as the one a recorder in memory leaves.
+
+    Raises:
+        LogError: There is no such file, it is damaged, unfinished, or not a log that this version can read.
+    """
+    name = str(source) if isinstance(source, Path | str) else "the log in memory"
+    with _reading(name):
+        data = _load(source)
+        _check_ends(data)
+        reader = SeekingReader(BytesIO(data), validate_crcs=True, record_size_limit=MAX_FILE)
+        summary = reader.get_summary()
+        if summary is None:
+            raise ValueError("it has no summary")
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        check_format(metadata.get("heli_twin"))
+        attachments = {a.name: Attachment(a.name, a.media_type, a.data) for a in reader.iter_attachments()}
+        return Log(
+            messages=_messages(data, summary),
+            experiment=attachments[EXPERIMENT].data.decode(),
+            metadata=metadata.get("run", {}),
+            attachments=attachments,
+            ending=metadata.get("end", {}),
+        )
+
+
+@contextmanager
+def _reading(name: str) -> Iterator[None]:
+    """Turn whatever goes wrong inside into one sentence about the file of that name."""
+    try:
+        yield
+    except LogError as error:
+        raise LogError(f"{name} {error}") from None
+    except OSError as error:
+        raise LogError(f"{name} cannot be opened: {error.strerror or error}") from error
+    except DAMAGE as error:
+        raise LogError(f"{name} is damaged ({error!r}): try `heli-twin recover {name}`") from error
+
+
+DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, OverflowError, MemoryError)
+"""What the libraries raise on bytes that are not what they should be."""
+
+
+def _load(source: Path | str | IO[bytes]) -> bytes:
+    if isinstance(source, Path | str):
+        with Path(source).open("rb") as stream:
+            return _load(stream)
+    source.seek(0)
+    data = source.read(MAX_FILE + 1)
+    if len(data) > MAX_FILE:
+        raise LogError(f"is larger than {MAX_FILE} bytes: split it with the mcap command line tool")
+    return data
+
+
+def _check_ends(data: bytes) -> None:
+    """Check that this is a whole MCAP file and that both its checksums hold (0 means that there is none)."""
+    if not data:
+        raise LogError("is empty: nothing was recorded")
+    if not data.startswith(MCAP0_MAGIC):
+        raise LogError("is not an MCAP file: give a log that heli-twin recorded")
+    if not data.endswith(MCAP0_MAGIC) or len(data) < 2 * len(MCAP0_MAGIC) + _FOOTER_SIZE + _DATA_END_SIZE:
+        raise LogError("stops in the middle, its flight was interrupted: run `heli-twin recover` on it")
+    footer_end = len(data) - len(MCAP0_MAGIC)
+    footer = Footer.read(ReadDataStream(BytesIO(data[footer_end - 20 : footer_end])))
+    if footer.summary_crc not in (0, zlib.crc32(memoryview(data)[footer.summary_start : footer_end - 4])):
+        raise ValueError("its index fails its checksum")
+    end = footer.summary_start - _DATA_END_SIZE
+    data_end = DataEnd.read(ReadDataStream(BytesIO(data[end + RECORD.size : footer.summary_start])))
+    if data_end.data_section_crc not in (0, zlib.crc32(memoryview(data)[:end])):
+        raise ValueError("its data fail their checksum")
+
+
+def check_format(identity: dict[str, str] | None) -> None:
+    """Check that a log with this metadata is one that this version can read."""
+    if identity is None:
+        raise LogError("is an MCAP file but not a flight of heli-twin: give a log that heli-twin recorded")
+    version = int(identity["format"])
+    if version > FORMAT:
+        raise LogError(
+            f"has log format {version}, written by a newer heli-twin; this one reads up to {FORMAT}: upgrade"
+        )
+
+
+def _messages(data: bytes, summary: Summary) -> dict[str, Messages]:
+    """Every message, by topic, in the order of the file."""
+    by_channel: dict[int, tuple[list[int], list[memoryview]]] = {channel: ([], []) for channel in summary.channels}
+    for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
+        start = index.chunk_start_offset + RECORD.size
+        for opcode, body in records(unpack_chunk(data[start : index.chunk_start_offset + index.chunk_length])):
+            if opcode == Opcode.MESSAGE:
+                channel, _, time, _ = MESSAGE.unpack_from(body)
+                times, messages = by_channel[channel]
+                times.append(time)
+                messages.append(body[MESSAGE.size :])
+    return {summary.channels[channel].topic: Messages(*columns) for channel, columns in by_channel.items()}
+
+
+def records(data: memoryview, at: int = 0) -> Iterator[tuple[int, memoryview]]:
+    """Opcode and body of one MCAP record after the other."""
+    while at < len(data):
+        opcode, length = RECORD.unpack_from(data, at)
+        start, at = at + RECORD.size, at + RECORD.size + length
+        if at > len(data):
+            raise ValueError("a record runs over the end")
+        yield opcode, data[start:at]
+
+
+def unpack_chunk(body: bytes | memoryview) -> memoryview:
+    """The records in a chunk; its sizes are checked before anything of that size is made."""
+    chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+    sizes = {chunk.uncompressed_size}
+    if chunk.compression == "zstd":
+        sizes.add(zstandard.frame_content_size(chunk.data))
+    if len(sizes) > 1 or chunk.uncompressed_size > MAX_CHUNK:
+        raise ValueError(f"a chunk of {max(sizes)} bytes")
+    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+    return memoryview(stream.read(length))

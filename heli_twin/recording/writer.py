@@ -1,0 +1,234 @@
+"""The recorder: every wire of the flight, as it happens, into one MCAP file."""
+
+import hashlib
+import os
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any, Self
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
+
+from controllers.signals import Array, Command, Estimate, Plan, Pose, QpReport, Reference
+from heli_twin.plant import Air, Truth
+from heli_twin.recording.log import Attachment, Log
+from heli_twin.recording.mcap_stream import McapStream
+from heli_twin.recording.reader import read_log
+from heli_twin.recording.schema import (
+    EXPERIMENT,
+    FORMAT,
+    LAYOUTS,
+    QP_STATUS,
+    SEVERITY,
+    TIMING,
+    TOPICS,
+    LogError,
+    code,
+    plan_layout,
+)
+from heli_twin.recording.viewers import Viewers, timestamp
+
+FLUSH_PERIOD = 500_000_000
+"""Simulated ns between two writes to the file: what a crash can lose."""
+CHUNK_SIZE = 256 * 1024
+"""Bytes in one chunk at most."""
+
+LIBRARY = "heli_twin"
+"""What wrote the file, in its header."""
+
+Listener = Callable[[str, int, bytes], None]
+"""Takes the topic, log time (ns) and bytes of every message at once; must neither block nor raise."""
+
+_HEADER = struct.Struct("<qI")
+
+
+class Recorder:
+    """Writes one flight, wire by wire; a method for each, its first argument the simulated time in ns.
+
+    A flight always records: without a path into memory, so that metrics come from the same log either way. The file
+    is called `NAME.mcap.part` until `close`.
+    """
+
+    def __init__(
+        self,
+        path: Path | None = None,
+        *,
+        experiment: str = "{}",
+        metadata: Mapping[str, str] | None = None,
+        attachments: Sequence[Attachment] = (),
+        listeners: Sequence[Listener] = (),
+    ) -> None:
+        """Open the log and write what is known before the flight.
+
+        Args:
+            path: Where the log shall be when the flight is over, `.../NAME.mcap`; None keeps it in memory.
+            experiment: What determines the flight, canonical JSON.
+            metadata: Versions, platform, commit, wall-clock start: what may differ for the same experiment.
+            attachments: Files to keep with the flight.
+            listeners: Called with every message.
+
+        Raises:
+            LogError: The file exists already or cannot be written.
+        """
+        self.path = path
+        self.listeners = listeners
+        self._closed = self._failed = False
+        self._time = 0
+        self._flush_due = FLUSH_PERIOD
+        self._hash = hashlib.sha256(experiment.encode())
+        try:
+            self.stream: IO[bytes] = BytesIO() if path is None else _create(path)
+            self._mcap = McapStream(self.stream, library=LIBRARY, chunk_size=CHUNK_SIZE)
+            self._mcap.metadata("heli_twin", {"format": str(FORMAT)})
+            self._mcap.metadata("run", metadata or {})
+            for attachment in (Attachment(EXPERIMENT, "application/json", experiment.encode()), *attachments):
+                self._mcap.attachment(*attachment)
+            self.stream.flush()
+        except OSError as error:
+            raise self._failure(error) from error
+        self._channels = {topic.name: (self._mcap.channel(*topic), topic.name.encode() + b"\0") for topic in TOPICS}
+        self._viewers = Viewers(self._write)
+        self._viewers.start()
+
+    def truth(self, t: int, truth: Truth) -> None:
+        """What the helicopter does."""
+        self._write("/truth", t, LAYOUTS["/truth"].pack(truth))
+        self._viewers.truth(t, truth)
+
+    def pose(self, t: int, pose: Pose) -> None:
+        """What the motion capture says, at its arrival."""
+        self._write("/mocap/pose", t, LAYOUTS["/mocap/pose"].pack(pose))
+
+    def estimate(self, t: int, estimate: Estimate) -> None:
+        """What the estimator believes."""
+        self._write("/estimate", t, LAYOUTS["/estimate"].pack(estimate))
+
+    def reference(self, t: int, reference: Reference) -> None:
+        """Where the helicopter should be: the first row of the planned flight."""
+        now = (reference.stamp, reference.x[0], reference.u[0])
+        self._write("/reference", t, LAYOUTS["/reference"].pack(now))
+        self._viewers.reference(t, reference)
+
+    def reference_path(self, t: int, points: Array) -> None:
+        """The whole path to fly, (n, 3) world, m, for the eye; once, or again when it changes."""
+        self._viewers.reference_path(t, points)
+
+    def sent(self, t: int, command: Command) -> None:
+        """What the controller asks for; its plan and report are wires of their own."""
+        self._write("/command/sent", t, LAYOUTS["/command/sent"].pack(command[:2]))
+        self._viewers.sent(t, command.u)
+
+    def acting(self, t: int, u: Array, stamp: int = -1) -> None:
+        """The input (4,) in force at the helicopter from now on, and when it was decided (-1: by no controller)."""
+        self._write("/command/acting", t, LAYOUTS["/command/acting"].pack((stamp, u)))
+
+    def plan(self, t: int, plan: Plan) -> None:
+        """What the controller expects; the horizon stays the same within a flight."""
+        with np.errstate(over="ignore"):
+            self._write("/mpc/plan", t, plan_layout(len(plan.u)).pack(plan))
+            self._viewers.plan(t, plan)
+
+    def qp(self, t: int, report: QpReport) -> None:
+        """How the control problem was solved."""
+        status = code(QP_STATUS, report.status, "QP status")
+        self._write("/mpc/qp", t, LAYOUTS["/mpc/qp"].pack((status, *report[1:])))
+
+    def disturbance(self, t: int, air: Air) -> None:
+        """What the surroundings do to the helicopter until told otherwise."""
+        self._write("/disturbance", t, LAYOUTS["/disturbance"].pack(air))
+
+    def event(self, t: int, severity: str, name: str, text: str) -> None:
+        """Something worth telling a person; severity is debug, info, warning, error or fatal."""
+        level: Any = code(SEVERITY, severity, "severity")
+        message = LogMessage(timestamp=timestamp(t), level=level, name=name, message=text)
+        self._write("/events", t, message.SerializeToString())
+
+    def timing(self, t: int, control_step_ns: int, solve_ns: int) -> None:
+        """Measured times; the only message that is not part of the digest."""
+        self._write(TIMING, t, LAYOUTS[TIMING].pack((control_step_ns, solve_ns)))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the experiment and every message so far but the measured times."""
+        return self._hash.hexdigest()
+
+    def close(self, outcome: str, t: int, **ending: str) -> None:
+        """Write how the flight ended, and when (ns), and give the file its name; later calls do nothing.
+
+        Args:
+            outcome: One word: landed, crashed, ...
+            t: Simulated end, ns.
+            ending: Anything else to keep, such as measured totals.
+
+        Raises:
+            LogError: The end could not be written; what was recorded before it stays in the `.part` file.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            if not self._failed:
+                self._finish({"outcome": outcome, "time": str(t), "digest": self.digest, **ending})
+        except OSError as error:
+            raise self._failure(error) from error
+        finally:
+            if self.path is not None:
+                with suppress(OSError):
+                    self.stream.close()
+
+    def log(self) -> Log:
+        """The finished log, read back."""
+        return read_log(self.path or self.stream)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        try:
+            self.close("aborted", self._time, error=repr(error) if error else "")
+        except LogError:
+            if error is None:
+                raise
+
+    def _write(self, topic: str, t: int, data: bytes) -> None:
+        channel, prefix = self._channels[topic]
+        try:
+            if t >= self._flush_due:
+                self._flush_due = (t // FLUSH_PERIOD + 1) * FLUSH_PERIOD
+                self._mcap.flush()
+            self._mcap.message(channel, t, data)
+        except (OSError, ValueError) as error:
+            raise self._failure(error) from error
+        if topic != TIMING:
+            self._hash.update(prefix + _HEADER.pack(t, len(data)) + data)
+        for listener in self.listeners:
+            listener(topic, t, data)
+        self._time = t
+
+    def _finish(self, ending: Mapping[str, str]) -> None:
+        self._mcap.flush()
+        self._mcap.metadata("end", ending)
+        self._mcap.finish()
+        if self.path is not None:
+            self.stream.flush()
+            os.fsync(self.stream.fileno())
+            self.stream.close()
+            _part(self.path).rename(self.path)
+
+    def _failure(self, error: Exception) -> LogError:
+        self._failed = True
+        return LogError(f"the log {self.path} cannot be written ({error}): make room or record to another folder")
+
+
+def _part(path: Path) -> Path:
+    return path.with_name(path.name + ".part")
+
+
+def _create(path: Path) -> IO[bytes]:
+    if path.exists():
+        raise LogError(f"the log {path} exists already: choose another name or move it away")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return _part(path).open("xb")

@@ -1,0 +1,119 @@
+"""What a wire is told is what a log says."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from controllers.signals import NU, NX, Command, Estimate, Plan, Pose, QpReport, Reference
+from heli_twin.plant import Air, Truth
+from heli_twin.recording import Attachment, Event, Log, Recorder
+from heli_twin.recording.schema import QP_STATUS, SEVERITY
+
+NS = st.integers(0, 2**62)
+STAMP = st.integers(-1, 2**62)
+REAL = st.floats()
+COUNT = st.integers(0, 2**31 - 1)
+
+
+def vector(*shape: int) -> st.SearchStrategy[np.ndarray]:
+    return arrays(np.float64, shape, elements=REAL)
+
+
+def logged(**wires: tuple) -> Log:
+    with Recorder() as recorder:
+        for wire, arguments in wires.items():
+            getattr(recorder, wire)(*arguments)
+    return recorder.log()
+
+
+def assert_same(columns: tuple, time: int, *values: object) -> None:
+    assert columns[0].tolist() == [time]
+    for column, value in zip(columns[1:], values, strict=True):
+        np.testing.assert_array_equal(column[0], value, strict=isinstance(value, np.ndarray))
+
+
+TRUTHS = st.builds(
+    Truth, NS, vector(3), vector(4), vector(3), vector(3), REAL, REAL, vector(4), touching=st.booleans()
+)
+
+
+@given(NS, TRUTHS)
+def test_truth(t: int, truth: Truth) -> None:
+    assert_same(logged(truth=(t, truth)).truth, t, *truth)
+
+
+@given(NS, st.builds(Pose, NS, vector(3), vector(4)))
+def test_pose(t: int, pose: Pose) -> None:
+    assert_same(logged(pose=(t, pose)).pose, t, *pose)
+
+
+@given(NS, st.builds(Estimate, NS, vector(NX), vector(NU), vector(4, 3), STAMP, COUNT))
+def test_estimate(t: int, estimate: Estimate) -> None:
+    assert_same(logged(estimate=(t, estimate)).estimate, t, *estimate)
+
+
+@given(NS, st.builds(Reference, NS, vector(4, NX), vector(3, NU)))
+def test_reference(t: int, reference: Reference) -> None:
+    assert_same(logged(reference=(t, reference)).reference, t, reference.stamp, reference.x[0], reference.u[0])
+
+
+@given(NS, st.builds(Command, NS, vector(NU)))
+def test_commands(t: int, command: Command) -> None:
+    log = logged(sent=(t, command), acting=(t, command.u, command.stamp))
+    assert_same(log.sent, t, command.stamp, command.u)
+    assert_same(log.acting, t, command.stamp, command.u)
+
+
+def test_an_input_nobody_decided_has_no_stamp() -> None:
+    assert logged(acting=(5, np.zeros(NU))).acting.stamp.tolist() == [-1]
+
+
+PLANS = st.integers(1, 5).flatmap(lambda n: st.builds(Plan, vector(n + 1, 10), vector(n, NU), vector(n, NU)))
+
+
+@given(NS, PLANS)
+def test_plan(t: int, plan: Plan) -> None:
+    with np.errstate(over="ignore"):
+        rounded = plan.x.astype(np.float32)
+    assert_same(logged(plan=(t, plan)).plan, t, rounded, plan.u, plan.u_nominal)
+
+
+@given(NS, st.builds(QpReport, st.sampled_from(QP_STATUS[1:]), COUNT, COUNT, REAL, REAL))
+def test_qp(t: int, report: QpReport) -> None:
+    assert_same(logged(qp=(t, report)).qp, t, *report)
+
+
+@given(NS, st.builds(Air, vector(3), vector(3), REAL))
+def test_disturbance(t: int, air: Air) -> None:
+    assert_same(logged(disturbance=(t, air)).disturbance, t, *air)
+
+
+@given(st.builds(Event, NS, st.sampled_from(SEVERITY[1:]), st.text(), st.text()))
+def test_event(event: Event) -> None:
+    assert logged(event=event).events == [event]
+
+
+@given(NS, NS, NS)
+def test_timing(t: int, step: int, solve: int) -> None:
+    assert_same(logged(timing=(t, step, solve)).timing, t, step, solve)
+
+
+@given(st.text(), st.dictionaries(st.text(), st.text()), st.binary())
+def test_what_is_known_before_the_flight(experiment: str, metadata: dict[str, str], data: bytes) -> None:
+    model = Attachment("model.xml", "application/xml", data)
+    recorder = Recorder(experiment=experiment, metadata=metadata, attachments=[model])
+    recorder.close("landed", 7, battery="empty")
+    log = recorder.log()
+    assert (log.experiment, log.metadata, log.attachments["model.xml"]) == (experiment, metadata, model)
+    assert (log.outcome, log.ending["time"], log.ending["battery"]) == ("landed", "7", "empty")
+    assert log.digest == recorder.digest
+
+
+def test_a_silent_wire_has_empty_columns_of_the_right_shape() -> None:
+    log = logged()
+    assert log.truth.position.shape == (0, 3)
+    assert log.estimate.variance.shape == (0, 4, 3)
+    assert log.plan.u.shape == (0, 0, 4)
+    assert log.qp.status.shape == (0,)
+    assert log.events == []
