@@ -62,49 +62,65 @@ class Condenser:
 
     Args:
         steps: N, the number of inputs.
+        limits: Bounds on inputs and predicted velocities.
     """
 
-    def __init__(self, steps: int) -> None:
-        self._steps = steps
-        self._G = np.zeros((steps + 1, N_STATES, N_INPUTS * steps))
-        self._S = np.empty((steps, N_STATES, N_INPUTS * steps))
+    def __init__(self, steps: int, limits: Limits) -> None:
+        n = N_INPUTS * steps
+        self._steps, self._split = steps, steps // 2
+        self._u_low, self._u_high = np.tile(limits.u_min, steps), np.tile(limits.u_max, steps)
+        self._v_max = np.tile(limits.v_max, steps)
+        # G[k] holds the derivative of state k by all inputs; those from k on stay zero.
+        self._G = np.zeros((steps + 1, N_STATES, n))
+        self._S = np.empty((steps, N_STATES, n))
         self._error = np.empty((steps, N_STATES))
+        reached = [self._G[k, :, : N_INPUTS * k] for k in range(steps)]
+        carried = [self._G[k + 1, :, : N_INPUTS * k] for k in range(steps)]
+        self._recursion = list(zip(reached, carried, strict=True))[1:]
+        blocks = self._G[1:].reshape(steps, N_STATES, steps, N_INPUTS)
+        self._newest = np.einsum("kskj->ksj", blocks)
 
     def predict(self, ltv: Ltv, u: Array) -> Array:
         """The states (N + 1, 10) that the LTV model last condensed reaches under the inputs u (N, 4)."""
-        return ltv.x_nominal + self._G @ (u - ltv.u_nominal).ravel()
+        du = (u - ltv.u_nominal).ravel()
+        return ltv.x_nominal + (self._G.reshape(-1, len(du)) @ du).reshape(-1, N_STATES)
 
-    def __call__(self, ltv: Ltv, w: Weights, limits: Limits, x_ref: Array, u_ref: Array) -> CondensedQp:
+    def __call__(self, ltv: Ltv, w: Weights, x_ref: Array, u_ref: Array) -> CondensedQp:
         """Condense one horizon.
 
         Args:
             ltv: N steps of the linear model.
             w: Weights of (26).
-            limits: Bounds on inputs and predicted velocities.
             x_ref: (N + 1, 10) reference states.
             u_ref: (N, 4) reference inputs.
         """
-        n, G, S = self._steps, self._G, self._S
-        for k in range(n):
-            width = N_INPUTS * k
-            np.matmul(ltv.A[k], G[k, :, :width], out=G[k + 1, :, :width])
-            G[k + 1, :, width : width + N_INPUTS] = ltv.B[k]
+        n, G, S, error = self._steps, self._G, self._S, self._error
+        self._newest[...] = ltv.B
+        for A, (reached, carried) in zip(ltv.A[1:], self._recursion, strict=True):
+            np.matmul(A, reached, out=carried)
         np.multiply(G[1:n], w.sqrt_Q[:, None], out=S[:-1])
         np.matmul(w.sqrt_Qf, G[n], out=S[-1])
-        stacked = S.reshape(n * N_STATES, N_INPUTS * n)
-        H = stacked.T @ stacked
-        u_nominal, R = ltv.u_nominal.ravel(), np.tile(w.R, n)
-        error = ltv.x_nominal[1:] - x_ref[1:]
-        np.multiply(error[:-1], w.sqrt_Q, out=self._error[:-1])
-        np.matmul(w.sqrt_Qf, error[-1], out=self._error[-1])
-        g = stacked.T @ self._error.ravel() - H @ u_nominal - R * u_ref.ravel()
-        H.flat[:: N_INPUTS * n + 1] += R
+        off = ltv.x_nominal[1:] - x_ref[1:]
+        np.multiply(off[:-1], w.sqrt_Q, out=error[:-1])
+        np.matmul(w.sqrt_Qf, off[-1], out=error[-1])
+        H = self._hessian()
+        u_nominal = ltv.u_nominal.ravel()
+        g = error.ravel() @ S.reshape(-1, N_INPUTS * n) - H @ u_nominal - (w.R * u_ref).ravel()
+        diagonal = H.reshape(-1)[:: N_INPUTS * n + 1].reshape(n, N_INPUTS)
+        diagonal += w.R
         C = G[1:, VELOCITIES].reshape(-1, N_INPUTS * n)
         offset = ltv.x_nominal[1:, VELOCITIES].ravel() - C @ u_nominal
-        bound = np.tile(limits.v_max, n)
-        return CondensedQp(
-            H, g, C, -bound - offset, bound - offset, np.tile(limits.u_min, n), np.tile(limits.u_max, n)
-        )
+        return CondensedQp(H, g, C, -self._v_max - offset, self._v_max - offset, self._u_low, self._u_high)
+
+    def _hessian(self) -> Array:
+        """S'S without the half of the rows' zeros: early states do not depend on late inputs."""
+        early, late = self._S[: self._split], self._S[self._split :]
+        stacked = late.reshape(-1, late.shape[2])
+        H = stacked.T @ stacked
+        width = N_INPUTS * self._split
+        stacked = early[:, :, :width].reshape(-1, width)
+        H[:width, :width] += stacked.T @ stacked
+        return H
 
 
 def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:

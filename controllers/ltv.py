@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from controllers.model import Model, State, advance
+from controllers.model import Model, State, stepper
 from controllers.signals import Array
 
 Coupling = Literal["removed", "full"]
@@ -52,9 +52,9 @@ def rollout(model: Model, k_i: float, x0: Array, u_nominal: Array, xy_ref: Array
     """
     px, py, pz, yaw, vx, vy, vz, r, *_ = x0.tolist()
     x: State = (px, py, pz, yaw, vx, vy, vz, r)
-    rows = [x]
+    rows, step = [x], stepper(model, period)
     for u in u_nominal.tolist():
-        x = advance(model, x, u, period)
+        x = step(x, u, (0.0, 0.0, 0.0, 0.0))
         rows.append(x)
     out = np.empty((len(rows), N_STATES))
     out[:, :8] = rows

@@ -1,5 +1,6 @@
 """The helicopter as the controller believes it: the paper's (1) with parameters (27) and limits (28), (29)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, expm1, sin
 from typing import Annotated
@@ -28,7 +29,9 @@ class Model:
     k_x: Annotated[float, Le(0), Unit("1/s"), doc("forward drag")] = -0.5
     b_y: Annotated[float, Gt(0), Unit("m/s^2"), doc("sideward acceleration at full roll stick")] = 2.1
     k_y: Annotated[float, Le(0), Unit("1/s"), doc("sideward drag")] = -0.4
-    b_z: Annotated[float, Gt(9.81), Unit("m/s^2"), doc("upward acceleration at full thrust, gravity not subtracted")] = 18.0
+    b_z: Annotated[
+        float, Gt(9.81), Unit("m/s^2"), doc("upward acceleration at full thrust, gravity not subtracted")
+    ] = 18.0
     b_yaw: Annotated[float, Gt(0), Unit("rad/s^2"), doc("yaw acceleration at full yaw stick")] = 111.0
     k_yaw: Annotated[float, Le(0), Unit("1/s"), doc("yaw damping")] = -5.0
     vx_max: Annotated[float, Gt(0), Unit("m/s"), doc("forward speed limit (28)")] = 3.0
@@ -78,55 +81,73 @@ def rates(model: Model, x: State, u: Input) -> State:
     )
 
 
-def advance(
-    model: Model, x: State, u: Input, dt: float, a: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-) -> State:
-    """The state `dt` seconds later under a constant input: exact in z and yaw, fourth order in x and y.
+Push = tuple[float, float, float, float]
+"""Further acceleration: x y z (world, m/s^2), yaw (rad/s^2)."""
 
-    Height and yaw are linear and are solved in closed form. Along that yaw, position and velocity in the plane
-    are integrated by one Runge-Kutta 4 step, in the world frame, where the turning terms of (1) cancel.
+
+def advance(model: Model, x: State, u: Input, dt: float, push: Push = (0.0, 0.0, 0.0, 0.0)) -> State:
+    """The state `dt` seconds later under a constant input and a constant `push`; see `stepper`."""
+    return stepper(model, dt)(x, u, push)
+
+
+def stepper(model: Model, dt: float) -> Callable[[State, Input, Push], State]:
+    """The nonlinear model over a fixed time: exact in z and yaw, fourth order in x and y.
+
+    Height and yaw are linear and are solved in closed form. Along that yaw, position and velocity in the plane are
+    integrated by one Runge-Kutta 4 step in the world frame, where the turning terms of (1) cancel. Written out in
+    plain numbers: the controller takes some twenty such steps every control period.
 
     Args:
         model: Believed parameters.
-        x: State at the start.
-        u: Input held over the step.
         dt: Length of the step, s.
-        a: Further constant acceleration: x y z (world, m/s^2), yaw (rad/s^2).
+
+    Returns:
+        A function of the state, the input held over the step and a constant push.
     """
-    px, py, pz, yaw, vx, vy, vz, r = x
-    az = model.b_z * u[2] - GRAVITY + a[2]
-    ar, k = model.b_yaw * u[3] + a[3], model.k_yaw
-    # r' = ar + k r: gain(t) = (exp(k t) - 1) / k is the response of r to its rate of change at the start.
-    half = 0.5 * dt
-    gain_mid, gain = (expm1(k * half) / k, expm1(k * dt) / k) if k else (half, dt)
-    r_rate = ar + k * r
-    yaw_mid = yaw + r * half + (r_rate * (gain_mid - half) / k if k else 0.5 * ar * half * half)
-    yaw_end = yaw + r * dt + (r_rate * (gain - dt) / k if k else 0.5 * ar * dt * dt)
+    half, sixth, square = 0.5 * dt, dt / 6.0, 0.5 * dt * dt
+    # r' = a + k r: after a time t, r has grown by gain(t) times its rate at the start, and yaw by the integral of that.
+    k = model.k_yaw
+    gain, gain_half = (expm1(k * dt) / k, expm1(k * half) / k) if k else (dt, half)
+    turn, turn_half = ((gain - dt) / k, (gain_half - half) / k) if k else (square, 0.5 * half * half)
+    b_x, b_y, b_z, b_yaw, k_x, k_y = model.b_x, model.b_y, model.b_z, model.b_yaw, model.k_x, model.k_y
+    k_difference = k_x - k_y
 
-    ux, uy, kx, ky = model.b_x * u[0], model.b_y * u[1], model.k_x, model.k_y
-    ax, ay = a[0], a[1]
+    def step(x: State, u: Input, push: Push) -> State:
+        px, py, pz, yaw, vx, vy, vz, r = x
+        rate = b_yaw * u[3] + push[3] + k * r
+        yaw_mid = yaw + r * half + rate * turn_half
+        yaw_end = yaw + r * dt + rate * turn
+        az = b_z * u[2] - GRAVITY + push[2]
+        fx, fy, ax, ay = b_x * u[0], b_y * u[1], push[0], push[1]
+        # In the world the planar acceleration is g + K w, with w the velocity, g the push and the turned input, and
+        # K the turned drag, symmetric: at the start, the middle and the end of the step.
+        c, s, cm, sm, ce, se = cos(yaw), sin(yaw), cos(yaw_mid), sin(yaw_mid), cos(yaw_end), sin(yaw_end)
+        wx, wy = c * vx - s * vy, s * vx + c * vy
+        kxx, kxy = k_y + k_difference * c * c, k_difference * c * s
+        x1 = c * fx - s * fy + ax + kxx * wx + kxy * wy
+        y1 = s * fx + c * fy + ay + kxy * wx + (k_x + k_y - kxx) * wy
+        gx, gy = cm * fx - sm * fy + ax, sm * fx + cm * fy + ay
+        kxx, kxy = k_y + k_difference * cm * cm, k_difference * cm * sm
+        kyy = k_x + k_y - kxx
+        mx, my = wx + half * x1, wy + half * y1
+        x2, y2 = gx + kxx * mx + kxy * my, gy + kxy * mx + kyy * my
+        mx, my = wx + half * x2, wy + half * y2
+        x3, y3 = gx + kxx * mx + kxy * my, gy + kxy * mx + kyy * my
+        kxx, kxy = k_y + k_difference * ce * ce, k_difference * ce * se
+        mx, my = wx + dt * x3, wy + dt * y3
+        x4 = ce * fx - se * fy + ax + kxx * mx + kxy * my
+        y4 = se * fx + ce * fy + ay + kxy * mx + (k_x + k_y - kxx) * my
+        x23, y23 = x2 + x3, y2 + y3
+        ex, ey = wx + sixth * (x1 + x23 + x23 + x4), wy + sixth * (y1 + y23 + y23 + y4)
+        return (
+            px + dt * (wx + sixth * (x1 + x23)),
+            py + dt * (wy + sixth * (y1 + y23)),
+            pz + dt * vz + square * az,
+            yaw_end,
+            ce * ex + se * ey,
+            ce * ey - se * ex,
+            vz + dt * az,
+            r + rate * gain,
+        )
 
-    def acceleration(c: float, s: float, wx: float, wy: float) -> tuple[float, float]:
-        fx = ux + kx * (c * wx + s * wy)
-        fy = uy + ky * (c * wy - s * wx)
-        return c * fx - s * fy + ax, s * fx + c * fy + ay
-
-    c0, s0, cm, sm, c1, s1 = cos(yaw), sin(yaw), cos(yaw_mid), sin(yaw_mid), cos(yaw_end), sin(yaw_end)
-    wx, wy = c0 * vx - s0 * vy, s0 * vx + c0 * vy
-    k1x, k1y = acceleration(c0, s0, wx, wy)
-    k2x, k2y = acceleration(cm, sm, wx + half * k1x, wy + half * k1y)
-    k3x, k3y = acceleration(cm, sm, wx + half * k2x, wy + half * k2y)
-    k4x, k4y = acceleration(c1, s1, wx + dt * k3x, wy + dt * k3y)
-    sixth = dt / 6.0
-    wx_end = wx + sixth * (k1x + 2.0 * (k2x + k3x) + k4x)
-    wy_end = wy + sixth * (k1y + 2.0 * (k2y + k3y) + k4y)
-    return (
-        px + dt * wx + dt * sixth * (k1x + k2x + k3x),
-        py + dt * wy + dt * sixth * (k1y + k2y + k3y),
-        pz + dt * vz + 0.5 * az * dt * dt,
-        yaw_end,
-        c1 * wx_end + s1 * wy_end,
-        c1 * wy_end - s1 * wx_end,
-        vz + az * dt,
-        r + r_rate * gain,
-    )
+    return step

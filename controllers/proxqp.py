@@ -25,7 +25,7 @@ class Solution(NamedTuple):
     active_bounds: int
     """Multipliers that are not zero."""
     objective: float
-    """1/2 u'H u + g'u, without the softening penalty."""
+    """1/2 u'H u + g'u, and the penalty of the softening."""
 
 
 class ProxQp:
@@ -45,7 +45,7 @@ class ProxQp:
     def __init__(self, steps: int, penalty: float = 1e3) -> None:
         n = N_INPUTS * steps
         self._n, self._penalty = n, penalty
-        self._hard = _Solver(n, n, eps=1e-6, max_iter=9, max_iter_in=12)
+        self._hard = _Solver(n, n, eps=1e-5, max_iter=9, max_iter_in=12)
         self._soft: _Solver | None = None
         self._axis = np.tile(np.eye(4), (steps, 1))
         self.solve_ns = 0
@@ -63,14 +63,13 @@ class ProxQp:
         iterations = 0
         if not _out_of_reach(qp):
             if hard.solve(qp.H, qp.g, qp.C, qp.v_low, qp.v_high, qp.u_low, qp.u_high):
-                return self._solution(qp, hard.x, False, 0.0, hard.iterations, hard.active())
+                return hard.solution(qp, False, 0.0, 0)
             iterations = hard.iterations
         hard.forget()
         soft = self._soften(qp)
         if soft is None:
             return None
-        slack = float(soft.x[self._n :].max())
-        return self._solution(qp, soft.x[: self._n], True, slack, iterations + soft.iterations, soft.active())
+        return soft.solution(qp, True, float(soft.x[self._n :].max()), iterations)
 
     def _soften(self, qp: CondensedQp) -> "_Solver | None":
         """Add one slack s >= 0 per velocity axis: v_low - s <= C u <= v_high + s.
@@ -99,23 +98,15 @@ class ProxQp:
             return None
         return soft
 
-    def _solution(
-        self, qp: CondensedQp, u: Array, softened: bool, slack: float, iterations: int, active: int
-    ) -> Solution:
-        # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
-        u = np.clip(u, qp.u_low, qp.u_high)
-        return Solution(u, softened, slack, iterations, active, float(0.5 * u @ (qp.H @ u) + qp.g @ u))
-
 
 def _out_of_reach(qp: CondensedQp) -> bool:
     """Whether no input in the box brings the first predicted velocities inside their bounds.
 
     That is how a QP becomes infeasible in practice (the helicopter is too fast), and it is seen at once.
     """
-    C = qp.C[:4, :N_INPUTS]
-    low, high = C * qp.u_low[:N_INPUTS], C * qp.u_high[:N_INPUTS]
-    least, most = np.minimum(low, high).sum(axis=1), np.maximum(low, high).sum(axis=1)
-    return bool((least > qp.v_high[:4]).any() or (most < qp.v_low[:4]).any())
+    C, low, high = qp.C[:4, :N_INPUTS], qp.u_low[:N_INPUTS], qp.u_high[:N_INPUTS]
+    middle, reach = C @ (0.5 * (low + high)), np.abs(C) @ (0.5 * (high - low))
+    return bool((middle - reach > qp.v_high[:4]).any() or (middle + reach < qp.v_low[:4]).any())
 
 
 class _Solver:
@@ -155,6 +146,10 @@ class _Solver:
         """Outer iterations of the last solve."""
         return self._qp.results.info.iter
 
-    def active(self) -> int:
-        """Multipliers of the last solve that are not zero."""
-        return int(np.count_nonzero(self._qp.results.z))
+    def solution(self, qp: CondensedQp, softened: bool, slack: float, iterations: int) -> Solution:
+        """The last solve as an answer to `qp`; `iterations` were spent on it before."""
+        results = self._qp.results
+        # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
+        u = np.minimum(np.maximum(results.x[: len(qp.g)], qp.u_low), qp.u_high)
+        active = int(np.count_nonzero(results.z))
+        return Solution(u, softened, slack, iterations + results.info.iter, active, results.info.objValue)

@@ -11,6 +11,16 @@ from controllers.trajectories import Trajectory
 _BLOCK = 512
 """Samples evaluated at a time: memory does not grow with the flight, and NumPy is called seldom."""
 
+_Names = tuple[tuple[str, str], ...]
+"""Name and unit of each column."""
+_INPUTS: _Names = (("pitch input u_x", ""), ("roll input u_y", ""), ("thrust input u_z", ""), ("yaw input u_yaw", ""))
+_VELOCITIES: _Names = (
+    ("forward speed vx", "m/s"),
+    ("sideward speed vy", "m/s"),
+    ("vertical speed vz", "m/s"),
+    ("yaw rate", "rad/s"),
+)
+
 
 class ReferencePreview:
     """Reference states and inputs from any control time on.
@@ -70,16 +80,7 @@ def check_feasible(trajectory: Trajectory, model: Model, duration: float, period
         _refuse(t, flat.z[:, 2:3], np.zeros(1), np.full(1, np.inf), (("height above the floor", "m"),))
 
 
-_INPUTS = (("pitch input u_x", ""), ("roll input u_y", ""), ("thrust input u_z", ""), ("yaw input u_yaw", ""))
-_VELOCITIES = (
-    ("forward speed vx", "m/s"),
-    ("sideward speed vy", "m/s"),
-    ("vertical speed vz", "m/s"),
-    ("yaw rate", "rad/s"),
-)
-
-
-def _refuse(t: Array, values: Array, low: Array, high: Array, names: tuple[tuple[str, str], ...]) -> None:
+def _refuse(t: Array, values: Array, low: Array, high: Array, names: _Names) -> None:
     # Not `values > high`: a NaN or infinity has to be refused too. The slack is rounding only.
     allowed = (values >= low - 1e-9) & (values <= high + 1e-9)
     if allowed.all():

@@ -78,9 +78,13 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Experiment
     tree = tree_of(Experiment())
     for path, value in _leaves(_read(source or "lab")):
         put(tree, path, value)
-    for path, value in sorted(map(_override, overrides), key=lambda change: not isinstance(change[1], str)):
+    for path, value in sorted(map(_override, overrides), key=lambda change: not _names_a_kind(*change)):
         put(tree, path, value)
     return experiment_of(tree)
+
+
+def _names_a_kind(path: str, value: Any) -> bool:
+    return path.endswith(".kind") or ("." not in path and isinstance(value, str))
 
 
 def _read(source: str) -> Tree:
@@ -90,11 +94,16 @@ def _read(source: str) -> Tree:
         raise ExperimentError(f"unknown preset {_instead(source, known)}; a file of your own ends in .toml")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
+    except OSError as error:
+        raise ExperimentError(f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ExperimentError(f"cannot read {path}: it is not UTF-8 text") from None
+    except _NOT_TOML as error:
         raise ExperimentError(f"{path} is not valid TOML: {error}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise ExperimentError(f"cannot read {path}: {reason}") from None
+
+
+_NOT_TOML = (ValueError, RecursionError)
+"""What the parser raises: its own error, and what a number of 5000 digits or a thousand brackets make of Python."""
 
 
 def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -112,7 +121,7 @@ def _override(text: str) -> tuple[str, Any]:
         raise ExperimentError(f"'{text}' is not an override: write path.to.field=value, such as plant.mass=0.03")
     try:
         return path.strip(), tomllib.loads(f"v = {value}")["v"]
-    except tomllib.TOMLDecodeError:
+    except _NOT_TOML:
         return path.strip(), value.strip()
 
 
@@ -122,7 +131,7 @@ def put(tree: Tree, path: str, value: Any) -> None:
     Raises:
         ExperimentError: The path names no field; the message suggests one.
     """
-    if isinstance(value, dict):
+    if isinstance(value, dict) and value:
         for inner, leaf in _leaves(value, f"{path}."):
             put(tree, inner, leaf)
         return
@@ -134,7 +143,9 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
     known = parts(spec)
     if key not in known:
         table = path.split(".")[: -len(rest) - 1]
-        raise ExperimentError(f"unknown field {_instead('.'.join([*table, key]), ['.'.join([*table, k]) for k in known])}")
+        raise ExperimentError(
+            f"unknown field {_instead('.'.join([*table, key]), ['.'.join([*table, k]) for k in known])}"
+        )
     part = known[key]
     match part.family:
         case EachOf():
@@ -142,7 +153,7 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
         case OneOf():
             kinds = members(part.family.package)
             if rest == ["kind"] or (not rest and isinstance(value, str)):
-                if value not in kinds:
+                if not isinstance(value, str) or value not in kinds:
                     raise ExperimentError(f"unknown {key} {_instead(value, kinds)}")
                 if node[key]["kind"] != value:
                     node[key] = _table(kinds[value]())
@@ -150,13 +161,15 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 _put(node[key], kinds[node[key]["kind"]], rest, value, path)
             else:
                 raise ExperimentError(f"{path} = {value!r} names no {key}. Available: {', '.join(kinds)}")
-        case None if is_dataclass(part.type):
+        case None if isinstance(part.type, type) and is_dataclass(part.type):
             if not rest:
                 raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(parts(part.type))}")
             _put(node[key], part.type, rest, value, path)
         case None:
             if rest:
-                raise ExperimentError(f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{rest[0]}'")
+                raise ExperimentError(
+                    f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{rest[0]}'"
+                )
             node[key] = value
 
 
@@ -175,7 +188,9 @@ def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str
     elif value == "on":
         node.setdefault(kind, _table(kinds[kind]()))
     else:
-        raise ExperimentError(f"{path} = {value!r}: write on, off, or one of its fields: {', '.join(parts(kinds[kind]))}")
+        raise ExperimentError(
+            f"{path} = {value!r}: write on, off, or one of its fields: {', '.join(parts(kinds[kind]))}"
+        )
 
 
 def _instead(wrong: Any, known: Iterable[str]) -> str:
@@ -212,7 +227,9 @@ def experiment_of(tree: Tree) -> Experiment:
     return _spec(Experiment, tree, "")
 
 
-def _spec(spec: type, tree: Tree, here: str) -> Any:
+def _spec(spec: type, tree: Any, here: str) -> Any:
+    if not isinstance(tree, dict):
+        raise ExperimentError(f"{here[:-1]} = {tree!r} is not a table")
     known = parts(spec)
     unknown = next((key for key in tree if key not in known), None)
     if unknown is not None:
@@ -229,16 +246,20 @@ def _spec(spec: type, tree: Tree, here: str) -> Any:
             values[name] = _spec(part.type, value, f"{path}.")
             continue
         kinds = members(part.family.package)
-        tables = value if isinstance(part.family, EachOf) else {value.get("kind"): value}
+        tables = value if isinstance(part.family, EachOf) else {str(value.get("kind")): value}
         for kind in tables:
             if kind not in kinds:
                 raise ExperimentError(f"unknown {name} {_instead(kind, kinds)}")
         each = isinstance(part.family, EachOf)
         specs = tuple(
-            _spec(kinds[kind], table, f"{path}.{kind}." if each else f"{path}.") for kind, table in sorted(tables.items())
+            _spec(kinds[kind], table, f"{path}.{kind}." if each else f"{path}.")
+            for kind, table in sorted(tables.items())
         )
         values[name] = specs if each else specs[0]
-    return spec(**values)
+    try:
+        return spec(**values)
+    except ValueError as error:
+        raise ExperimentError(f"{here}{error}") from None
 
 
 def _value(part: Part, value: Any, path: str, spec: type) -> Any:

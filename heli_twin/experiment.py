@@ -63,7 +63,9 @@ class Experiment:
         default_factory=Vicon
     )
     disturbances: Annotated[
-        tuple[DisturbanceSpec, ...], EachOf("heli_twin.disturbances"), doc("what the surroundings do; `off` leaves one out")
+        tuple[DisturbanceSpec, ...],
+        EachOf("heli_twin.disturbances"),
+        doc("what the surroundings do; `off` leaves one out"),
     ] = (Gust(), Bias())
     faults: Annotated[tuple[Fault, ...], EachOf("heli_twin.faults"), doc("what breaks")] = ()
     volume: Annotated[Volume, doc("where the flight may go")] = field(default_factory=Volume)

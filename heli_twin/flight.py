@@ -45,7 +45,11 @@ class Flight:
     """
 
     def __init__(
-        self, experiment: Experiment, plant: Plant, recorder: Recorder, progress: Callable[[float], None] = lambda t: None
+        self,
+        experiment: Experiment,
+        plant: Plant,
+        recorder: Recorder,
+        progress: Callable[[float], None] = lambda t: None,
     ) -> None:
         e = experiment
         self.experiment, self.plant, self.recorder, self.progress = e, plant, recorder, progress
@@ -57,7 +61,8 @@ class Flight:
         self.compute_chance = generator(e.seed, "compute")
         self.estimator, self.controller = e.estimator.start(e.controller.model), e.controller.start()
         self.preview = ReferencePreview(e.trajectory, e.controller.model, self.period, nanoseconds(e.estimator.lead))
-        self.planned = ReferencePreview(e.trajectory, e.controller.model, self.period, 0)
+        # The flight may end between two control steps.
+        self.planned = ReferencePreview(e.trajectory, e.controller.model, self.step, 0)
         self.poses_under_way: list[Arrival] = []
         self.last_status, self.last_rejected = "", 0
 
@@ -168,7 +173,9 @@ def verdict(t: int, truth: Truth, planned_height: float, volume: Volume) -> Outc
         volume: Where the flight may go.
     """
     seconds = 1e-9 * t
-    if not (np.isfinite(truth.position).all() and np.isfinite(truth.quat_wxyz).all() and np.isfinite(truth.velocity).all()):
+    if not (
+        np.isfinite(truth.position).all() and np.isfinite(truth.quat_wxyz).all() and np.isfinite(truth.velocity).all()
+    ):
         return Outcome("diverged", t, f"the simulation left the real numbers at {seconds:.2f} s")
     if truth.touching and planned_height > FLOOR_MARGIN:
         return Outcome("crashed", t, f"hit the floor at {seconds:.2f} s, {planned_height:.2f} m below its plan")

@@ -4,9 +4,9 @@ from collections import Counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.signals import Array
+from heli_twin.recording.log import Times
 from heli_twin.recording import Log
 
 SETTLING = 2.0
@@ -30,7 +30,7 @@ def tracking_error(log: Log, after: float = 0.0) -> TrackingError:
     flown = np.column_stack([truth.position, truth.yaw])[of_truth]
     error = flown - reference.x[of_reference, :4]
     error[:, 3] = (error[:, 3] + np.pi) % (2 * np.pi) - np.pi
-    time = 1e-9 * truth.stamp[of_truth]
+    time = np.asarray(1e-9 * truth.stamp[of_truth], dtype=np.float64)
     kept = time >= after
     return TrackingError(time[kept], error[kept])
 
@@ -51,8 +51,8 @@ def metrics(log: Log) -> dict[str, Any]:
         "max_abs_error": _by_axis(magnitude.max(axis=0) if len(error) else None),
         "rmse": _by_axis(np.sqrt((error**2).mean(axis=0)) if len(error) else None),
         "mse": _by_axis((error**2).mean(axis=0) if len(error) else None),
-        "control_step_ms": percentiles(1e-6 * log.timing.control_step_ns),
-        "solve_ms": percentiles(1e-6 * log.timing.solve_ns),
+        "control_step_ms": milliseconds(log.timing.control_step_ns),
+        "solve_ms": milliseconds(log.timing.solve_ns),
         "qp_status": dict(sorted(Counter(log.qp.status.tolist()).items())),
     }
 
@@ -61,9 +61,9 @@ def _by_axis(values: Array | None) -> dict[str, float | None]:
     return dict(zip(AXES, values.tolist() if values is not None else [None] * 4, strict=True))
 
 
-def percentiles(values: NDArray[np.float64]) -> dict[str, float | None]:
-    """Median, 99th percentile and maximum; null where there is nothing."""
-    if not len(values):
+def milliseconds(ns: Times) -> dict[str, float | None]:
+    """Median, 99th percentile and maximum in ms; null where there is nothing."""
+    if not len(ns):
         return {"p50": None, "p99": None, "max": None}
-    p50, p99 = np.percentile(values, [50, 99]).tolist()
-    return {"p50": p50, "p99": p99, "max": float(values.max())}
+    p50, p99, greatest = (1e-6 * np.percentile(ns, [50, 99, 100])).tolist()
+    return {"p50": p50, "p99": p99, "max": greatest}

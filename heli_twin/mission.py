@@ -21,6 +21,7 @@ from heli_twin.configuration import ExperimentError, canonical_json, experiment_
 from heli_twin.experiment import Experiment
 from heli_twin.flight import Flight, Outcome
 from heli_twin.metrics import metrics
+from heli_twin.plant import Plant
 from heli_twin.recording import Attachment, Log, Recorder, read_log
 
 PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
@@ -56,16 +57,16 @@ def fly(
     experiment: Experiment,
     *,
     log_dir: Path | str | None = "logs",
+    rerun: str | None = None,
     progress: Callable[[float], None] = lambda t: None,
-    listeners: tuple[Callable[[str, int, bytes], None], ...] = (),
 ) -> Result:
     """Fly one experiment.
 
     Args:
         experiment: What to fly; it is validated like one from a file.
         log_dir: Folder for the log, made if need be; None keeps the log in memory.
+        rerun: Where to stream the flight: `spawn`, `connect`, or a `.rrd` file; None for nowhere.
         progress: Told the simulated time, s, at every control step.
-        listeners: Given every recorded message: topic, log time (ns), bytes.
 
     Raises:
         ExperimentError: The experiment cannot be flown; the message names the field.
@@ -73,13 +74,15 @@ def fly(
     """
     experiment = checked(experiment)
     path = _new_path(Path(log_dir), experiment) if log_dir is not None else None
-    plant = experiment.plant.start(_start_state(experiment))
+    try:
+        plant = _start(experiment)
+    except ValueError as error:
+        raise ExperimentError(f"plant: {error}") from None
     recorder = Recorder(
         path,
         experiment=canonical_json(experiment),
         metadata=provenance(),
         attachments=_attachments(experiment, plant.description()),
-        listeners=listeners,
     )
     with recorder:
         began = perf_counter()
@@ -111,8 +114,12 @@ def checked(experiment: Experiment) -> Experiment:
     return e
 
 
-def _start_state(experiment: Experiment) -> np.ndarray:
-    return state(experiment.trajectory.flat(np.zeros(1)))[0]
+def _start(experiment: Experiment) -> Plant:
+    """The helicopter at the first point of its trajectory."""
+    try:
+        return experiment.plant.start(state(experiment.trajectory.flat(np.zeros(1)))[0])
+    except ValueError as error:
+        raise ExperimentError(f"the flight cannot start: {error}") from None
 
 
 def _new_path(folder: Path, experiment: Experiment) -> Path:
@@ -133,7 +140,11 @@ def _attachments(experiment: Experiment, mjcf: str) -> list[Attachment]:
 
 def provenance() -> dict[str, str]:
     """Where and with what a flight was flown; none of it determines the flight."""
-    found = {"started": datetime.now(UTC).isoformat(), "python": platform.python_version(), "platform": platform.platform()}
+    found = {
+        "started": datetime.now(UTC).isoformat(),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+    }
     found["cpu"] = _cpu()
     found["processes"] = str(os.cpu_count())
     found["git_commit"] = _git_commit()

@@ -54,7 +54,7 @@ class LtvMpcController:
         self._spec = spec
         model = spec.model
         self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max))
-        self._condenser, self._solver = Condenser(spec.steps), ProxQp(spec.steps)
+        self._condenser, self._solver = Condenser(spec.steps, self._limits), ProxQp(spec.steps)
         Q = np.diag(spec.Q)
         self._weights = Weights(np.sqrt(np.array(spec.Q)), np.array(spec.R), np.sqrt(Q))
         if spec.terminal == "riccati":
@@ -105,7 +105,7 @@ class LtvMpcController:
             spec.coupling,
             spec.discretisation,
         )
-        return ltv, self._condenser(ltv, self._turned_weights(ltv), self._limits, x_ref, reference.u)
+        return ltv, self._condenser(ltv, self._turned_weights(ltv), x_ref, reference.u)
 
     def _turned_weights(self, ltv: Ltv) -> Weights:
         """The Riccati weight belongs to a helicopter that looks north: turn it to the heading at the horizon's end."""

@@ -20,7 +20,9 @@ class Circle:
     rate: Annotated[float, Unit("rad/s"), doc("angular rate, positive counter-clockwise from above")] = 1.0
     height: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity above the floor")] = 1.0
     heading: Annotated[Literal["path", "fixed"], doc("nose along the path, or always north")] = "path"
-    ramp: Annotated[float, Ge(0), Unit("s"), doc("time to gather speed from a standing start; 0 starts in motion")] = 2.0
+    ramp: Annotated[float, Ge(0), Unit("s"), doc("time to gather speed from a standing start; 0 starts in motion")] = (
+        2.0
+    )
 
     def flat(self, t: Array) -> FlatOutput:
         """The point on the circle at the angle that a smooth start has reached."""

@@ -61,7 +61,8 @@ class MuJoCo:
     drag_y: Annotated[float, Ge(0), Le(1), Unit("N s/m"), doc("drag to port")] = 0.0112
     drag_z: Annotated[float, Ge(0), Le(1), Unit("N s/m"), doc("drag upwards")] = 0.0
     attitude_frequency: Annotated[float, Gt(0), Le(2e4), Unit("rad/s"), doc("natural frequency of pitch")] = 14.0
-    attitude_damping: Annotated[float, Ge(0), Le(5), Unit("1"), doc("damping ratio of pitch and roll")] = 0.5
+    # Undamped, the explicit integrator would let turning and tilting pump each other.
+    attitude_damping: Annotated[float, Ge(0.1), Le(5), Unit("1"), doc("damping ratio of pitch and roll")] = 0.5
     pitch_trim: Annotated[float, Ge(-0.5), Le(0.5), Unit("full stick"), doc("pitch input that holds it level")] = 0.0
     roll_trim: Annotated[float, Ge(-0.5), Le(0.5), Unit("full stick"), doc("roll input that holds it level")] = 0.0
     yaw_trim: Annotated[float, Ge(-0.5), Le(0.5), Unit("full stick"), doc("yaw input that holds the heading")] = 0.0
@@ -83,7 +84,7 @@ class MuJoCo:
         """
         if abs(self.step_ns - 1e9 * self.step) > 1e-3:
             raise ValueError(f"step is {self.step} s: take a whole number of nanoseconds")
-        # The integrator keeps an undamped oscillator stable up to 2 rad per step.
+        # The integrator keeps even an undamped oscillator stable up to 2 rad a step.
         fastest = self.attitude_frequency * max(1.0, sqrt(self.inertia_yy / self.inertia_xx))
         if fastest * self.step > 2.0:
             raise ValueError(
@@ -134,7 +135,8 @@ class Twin:
         self._data = data = mujoco.MjData(model)
         self._thrust = model.actuator("u_z").id
         self._fuselage = model.body("fuselage").id
-        self._air = slice(6, 9)
+        air = model.joint("air_x").dofadr[0]
+        self._air = slice(air, air + 3)
 
         px, py, pz, yaw, vx, vy, vz, yaw_rate = (float(v) for v in x)
         c, s = cos(yaw), sin(yaw)
@@ -162,11 +164,7 @@ class Twin:
         vx, vy, vz, r, pitch_rate, roll_rate = self._data.qvel[:6].tolist()
         st, ct, sr, cr = sin(pitch), cos(pitch), sin(roll), cos(roll)
         # Yaw turns about the world's z, pitch about the turned y, roll about the nose.
-        angular_velocity = (
-            roll_rate - r * st,
-            pitch_rate * cr + r * ct * sr,
-            r * ct * cr - pitch_rate * sr,
-        )
+        angular_velocity = (roll_rate - r * st, pitch_rate * cr + r * ct * sr, r * ct * cr - pitch_rate * sr)
         return Truth(
             stamp=self._steps * self._spec.step_ns,
             position=np.array((px, py, pz)),
@@ -225,7 +223,7 @@ def engine() -> Any:
 
 def model_file() -> Path:
     """Where the MJCF lives: inside an installed package, or at the top of a checkout."""
-    installed = Path(str(files("heli_twin"))) / "models" / "mcx2.xml"
+    installed = Path(str(files("heli_twin") / "models" / "mcx2.xml"))
     return installed if installed.is_file() else Path(__file__).parents[2] / "models" / "mcx2.xml"
 
 

@@ -90,4 +90,3 @@ def _copy_messages(chunk: memoryview, log: McapStream) -> int:
             log.message(channel, time, bytes(body[MESSAGE.size :]))
             last = max(last, time)
     return last
-

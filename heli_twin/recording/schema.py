@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
-import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
@@ -49,10 +48,10 @@ def _ros2(topic: str, message: str, definition: str) -> Topic:
 
 
 _RULE = f"{'=' * 80}\n"
-_NUMBERS = (
-    "std_msgs/MultiArrayLayout layout\nfloat64[] data\n"
-    f"{_RULE}MSG: std_msgs/MultiArrayLayout\nstd_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n"
-    f"{_RULE}MSG: std_msgs/MultiArrayDimension\nstring label\nuint32 size\nuint32 stride\n"
+_JOINTS = (
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
+    f"{_RULE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    f"{_RULE}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 )
 
 WIRES = (
@@ -75,8 +74,7 @@ FOR_VIEWERS = (
     _protobuf("/tf", FrameTransform),
     _protobuf("/view/reference_path", PointCloud),
     _protobuf("/view/horizon", PointCloud),
-    _ros2("/view/error", "std_msgs/msg/Float64MultiArray", _NUMBERS),
-    _ros2("/view/input", "std_msgs/msg/Float64MultiArray", _NUMBERS),
+    _ros2("/view/tracking", "sensor_msgs/msg/JointState", _JOINTS),
 )
 """The same flight once more, thinned out, in the message types that viewers draw without being told how."""
 
@@ -114,14 +112,3 @@ def code(names: tuple[str, ...], name: str, what: str) -> int:
     if name not in names:
         raise LogError(f"unknown {what} {name!r}: use one of {', '.join(names[1:])}")
     return names.index(name)
-
-
-def cdr_numbers(values: np.ndarray) -> bytes:
-    """A std_msgs/Float64MultiArray without named dimensions: header, dim, data_offset, count, padding to 8, data."""
-    return b"\0\1\0\0" + np.array([0, 0, values.size, 0], "<u4").tobytes() + values.astype("<f8").tobytes()
-
-
-def cdr_string(text: str) -> bytes:
-    """A std_msgs/String."""
-    data = text.encode() + b"\0"
-    return b"\0\1\0\0" + len(data).to_bytes(4, "little") + data

@@ -16,23 +16,19 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from controllers.signals import Array, Plan, Reference
-from heli_twin.plant import Truth
-from heli_twin.recording.schema import FRAME, cdr_numbers, cdr_string
+from heli_twin.plant import Truth, physical_state
+from heli_twin.recording import cdr
+from heli_twin.recording.schema import FRAME
+from heli_twin.recording.shape import urdf
 
 BODY = "helicopter"
 """Name of the body's frame and of the URDF's only moving link."""
+_URDF = urdf(BODY, FRAME)
 
-URDF = """<robot name="mCX2">
-  <link name="world"/>
-  <joint name="flight" type="floating"><parent link="world"/><child link="helicopter"/></joint>
-  <link name="helicopter">
-    <visual><geometry><box size="0.1 0.04 0.05"/></geometry></visual>
-  </link>
-</robot>
-"""
+_AXES = cdr.JointStates("x", "y", "z", "yaw")
 
 _MILLISECOND = 1_000_000
-TF_PERIOD, HORIZON_PERIOD, PLOT_PERIOD = 40 * _MILLISECOND, 100 * _MILLISECOND, 40 * _MILLISECOND
+TF_PERIOD, HORIZON_PERIOD, PLOT_PERIOD = 40 * _MILLISECOND, 100 * _MILLISECOND, 60 * _MILLISECOND
 """Least simulated time between two messages, ns."""
 
 Write = Callable[[str, int, bytes], None]
@@ -43,12 +39,13 @@ class Viewers:
 
     def __init__(self, write: Write) -> None:
         self._write = write
-        self._tf_due = self._horizon_due = self._error_due = self._input_due = 0
+        self._tf_due = self._horizon_due = self._plot_due = 0
         self._truth: Truth | None = None
+        self._reference: Reference | None = None
 
     def start(self) -> None:
         """Write what is there before anything moves."""
-        self._write("/robot_description", 0, cdr_string(URDF))
+        self._write("/robot_description", 0, cdr.string(_URDF))
 
     def reference_path(self, t: int, points: Array) -> None:
         """Draw the whole path to fly, (n, 3) world, m."""
@@ -70,21 +67,18 @@ class Viewers:
         )
         self._write("/tf", t, message.SerializeToString())
 
-    def reference(self, t: int, reference: Reference) -> None:
-        """Plot how far off the helicopter is: x y z (m, world), yaw (rad)."""
-        if self._truth is None or t < self._error_due:
-            return
-        self._error_due = t + PLOT_PERIOD
-        with np.errstate(invalid="ignore"):
-            error = np.append(self._truth.position, self._truth.yaw) - reference.x[0, :4]
-        self._write("/view/error", t, cdr_numbers(error))
+    def reference(self, reference: Reference) -> None:
+        """Remember where the helicopter should be."""
+        self._reference = reference
 
     def sent(self, t: int, u: Array) -> None:
-        """Plot the inputs: pitch, roll, thrust, yaw, fractions of full stick."""
-        if t < self._input_due:
+        """Plot, as the joints x y z yaw: error in position and in velocity (yaw frame), and input as effort."""
+        if self._truth is None or self._reference is None or t < self._plot_due:
             return
-        self._input_due = t + PLOT_PERIOD
-        self._write("/view/input", t, cdr_numbers(u))
+        self._plot_due = t + PLOT_PERIOD
+        with np.errstate(invalid="ignore"):
+            error = physical_state(self._truth) - self._reference.x[0]
+        self._write("/view/tracking", t, _AXES.pack(t, error[:4], error[4:], u))
 
     def plan(self, t: int, plan: Plan) -> None:
         """Draw the predicted positions."""

@@ -110,7 +110,7 @@ class Recorder:
         """Where the helicopter should be: the first row of the planned flight."""
         now = (reference.stamp, reference.x[0], reference.u[0])
         self._write("/reference", t, LAYOUTS["/reference"].pack(now))
-        self._viewers.reference(t, reference)
+        self._viewers.reference(reference)
 
     def reference_path(self, t: int, points: Array) -> None:
         """The whole path to fly, (n, 3) world, m, for the eye; once, or again when it changes."""

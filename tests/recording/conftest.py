@@ -82,7 +82,13 @@ def fly(recorder: Recorder, seconds: float = 10.0, seed: int = 1, compute_ns: in
 
 class Record(Protocol):
     def __call__(
-        self, path: Path | None = None, *, seconds: float = 2.0, seed: int = 1, compute_ns: int = 1, started: str = "now"
+        self,
+        path: Path | None = None,
+        *,
+        seconds: float = 2.0,
+        seed: int = 1,
+        compute_ns: int = 1,
+        started: str = "now",
     ) -> Recorder: ...
 
 

@@ -8,7 +8,11 @@ from mcap.writer import Writer
 
 from heli_twin.recording.mcap_stream import McapStream
 
-CHANNELS = [("/a", "protobuf", "A", "protobuf", b"schema"), ("/b", "cdr", "B", "ros2msg", b""), ("/c", "cdr", "B", "ros2msg", b"")]
+CHANNELS = [
+    ("/a", "protobuf", "A", "protobuf", b"schema"),
+    ("/b", "cdr", "B", "ros2msg", b""),
+    ("/c", "cdr", "B", "ros2msg", b""),
+]
 MESSAGES = st.lists(st.tuples(st.integers(1, 3), st.integers(0, 2**63), st.binary(max_size=300)), max_size=30)
 
 

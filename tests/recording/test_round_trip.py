@@ -33,9 +33,7 @@ def assert_same(columns: tuple, time: int, *values: object) -> None:
         np.testing.assert_array_equal(column[0], value, strict=isinstance(value, np.ndarray))
 
 
-TRUTHS = st.builds(
-    Truth, NS, vector(3), vector(4), vector(3), vector(3), REAL, REAL, vector(4), touching=st.booleans()
-)
+TRUTHS = st.builds(Truth, NS, vector(3), vector(4), vector(3), vector(3), REAL, REAL, vector(4), touching=st.booleans())
 
 
 @given(NS, TRUTHS)

@@ -31,7 +31,9 @@ def test_generated_code_is_up_to_date(tmp_path: Path) -> None:
         committed, fresh = ((top / PROTO).with_name(name).read_text() for top in (ROOT, tmp_path))
         if _generator(committed) != _generator(fresh):
             committed, fresh = _descriptor(committed), _descriptor(fresh)
-        assert fresh == committed, f"{name} is not what flight.proto gives: run `{COMMAND}` at the top of the repository"
+        assert fresh == committed, (
+            f"{name} is not what flight.proto gives: run `{COMMAND}` at the top of the repository"
+        )
 
 
 def _generator(code: str) -> list[str]:
@@ -45,7 +47,14 @@ def _descriptor(code: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("message", "signal"),
-    [(pb.Truth, Truth), (pb.Pose, Pose), (pb.Estimate, Estimate), (pb.Plan, Plan), (pb.QpReport, QpReport), (pb.Air, Air)],
+    [
+        (pb.Truth, Truth),
+        (pb.Pose, Pose),
+        (pb.Estimate, Estimate),
+        (pb.Plan, Plan),
+        (pb.QpReport, QpReport),
+        (pb.Air, Air),
+    ],
 )
 def test_messages_have_the_fields_of_the_signals(message: type, signal: type) -> None:
     assert tuple(field.name for field in message.DESCRIPTOR.fields) == signal._fields

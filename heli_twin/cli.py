@@ -1,0 +1,43 @@
+"""The `heli-twin` command. Each subcommand is one file in `heli_twin/commands/` and is found there."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pkgutil import iter_modules
+
+from heli_twin import commands
+from heli_twin.errors import HeliTwinError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 done, 1 done but the answer is bad, 2 a mistake of the caller's."""
+    parser = argparse.ArgumentParser(
+        prog="heli-twin",
+        description="Fly a 28 g coaxial helicopter's digital twin, log it, replay it, study it.",
+        epilog="Start with `heli-twin fly`. Every command explains itself: `heli-twin fly --help`.",
+        allow_abbrev=False,
+    )
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
+    for found in iter_modules(commands.__path__):
+        import_module(f"{commands.__name__}.{found.name}").add(subparsers)
+    parsed = parser.parse_args(arguments)
+    try:
+        code = parsed.run(parsed)
+        sys.stdout.flush()
+        return code
+    except HeliTwinError as error:
+        print(f"heli-twin: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("heli-twin: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output has gone; Python would complain once more at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,110 @@
+"""`heli-twin fly`: fly one experiment, print what happened, leave a log."""
+
+import json
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import Any
+
+from heli_twin.commands import add_experiment, command, experiment_arguments
+
+
+def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command."""
+    parser = command(
+        subparsers,
+        "fly",
+        run,
+        "fly the twin, print the result, leave an MCAP log",
+        "Fly one experiment, print what happened and leave an MCAP log that any viewer opens.\n"
+        "`heli-twin show` lists every field that can be changed.",
+        "  heli-twin fly\n"
+        "  heli-twin fly trajectory=hover seed=3\n"
+        "  heli-twin fly plant.mass=0.031 controller.horizon=12\n"
+        "  heli-twin fly ideal mocap.latency=0.04 estimator.roll_forward=false\n"
+        "  heli-twin fly mine.toml --rerun flight.rrd\n"
+        "  heli-twin fly --no-log --json | jq .max_abs_error",
+    )
+    add_experiment(parser)
+    parser.add_argument(
+        "--log-dir", type=Path, default=Path("logs"), metavar="DIR", help="where logs go (default logs/)"
+    )
+    parser.add_argument("--no-log", action="store_true", help="keep no log")
+    parser.add_argument(
+        "--rerun", metavar="spawn|connect|FILE.rrd", help="stream to a viewer or a Rerun file while flying"
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON, for programs")
+
+
+def run(parsed: Namespace) -> int:
+    """Fly; the exit code is 0 when the flight completed, 1 when it ended early."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from heli_twin.configuration import load
+    from heli_twin.mission import fly
+
+    experiment = load(*experiment_arguments(parsed))
+    bar = Progress(
+        TextColumn("flying"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:g} s"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    )
+    with bar:
+        task = bar.add_task("flying", total=experiment.duration)
+        result = fly(
+            experiment,
+            log_dir=None if parsed.no_log else parsed.log_dir,
+            rerun=parsed.rerun,
+            progress=lambda t: bar.update(task, completed=t),
+        )
+    summary = result.summary()
+    if parsed.json:
+        print(json.dumps(summary, indent=2, allow_nan=False))
+    else:
+        show(summary)
+    return 0 if result.outcome.kind == "completed" else 1
+
+
+def show(summary: dict[str, Any]) -> None:
+    """Print a result for a person."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    console.print(f"[bold]{summary['outcome']}[/]: {summary['outcome_text']}", highlight=False)
+    errors = Table(title=f"error against the truth, from {summary['settling']:g} s on", title_justify="left")
+    for column in ("", "x", "y", "z", "yaw"):
+        errors.add_column(column, justify="right" if column else "left")
+    for name, key in (("largest", "max_abs_error"), ("root mean square", "rmse")):
+        errors.add_row(name, *(_length(summary[key][axis]) for axis in "xyz"), _angle(summary[key]["yaw"]))
+    console.print(errors)
+    times = Table(title="measured times", title_justify="left")
+    for column in ("", "median", "99 %", "largest"):
+        times.add_column(column, justify="right" if column else "left")
+    for name, key in (("control step", "control_step_ms"), ("QP solve", "solve_ms")):
+        times.add_row(name, *(_milliseconds(summary[key][p]) for p in ("p50", "p99", "max")))
+    console.print(times)
+    statuses = ", ".join(f"{count} {status}" for status, count in summary["qp_status"].items())
+    console.print(f"control problems: {statuses or 'none'}", highlight=False)
+    console.print(
+        f"{summary['real_time_factor']:.0f} times real time, digest {summary['flight_digest'][:16]}", highlight=False
+    )
+    if summary["log"]:
+        console.print(f"log {summary['log']}", highlight=False, soft_wrap=True)
+
+
+def _length(metres: float | None) -> str:
+    return "-" if metres is None else f"{100 * metres:.2f} cm"
+
+
+def _angle(radians: float | None) -> str:
+    return "-" if radians is None else f"{57.29578 * radians:.2f} deg"
+
+
+def _milliseconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f} ms"

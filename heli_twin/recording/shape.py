@@ -1,0 +1,90 @@
+"""What the helicopter looks like in viewers: the mCX2 in a few primitives, body frame, origin at the centre of gravity.
+
+One list for both ways of drawing: the URDF in every log and the Rerun scene. Lengths in m.
+"""
+
+from math import pi
+from typing import Literal, NamedTuple
+from xml.etree import ElementTree as ET
+
+Triple = tuple[float, float, float]
+
+RED, WHITE, DARK, METAL, TIP = 0xD93A26FF, 0xF2F2EDFF, 0x3A3C42FF, 0xA0A4ABFF, 0xFACC1FFF
+DISC = 0x6FA8DC38
+
+
+class Part(NamedTuple):
+    """A primitive of the URDF: sphere (radius), cylinder about z (radius, length) or box (three lengths)."""
+
+    kind: Literal["sphere", "cylinder", "box"]
+    size: tuple[float, ...]
+    centre: Triple
+    colour: int
+    """RGBA."""
+    rpy: Triple = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw from the body's axes to the part's, rad."""
+
+
+_ALONG_X, _ALONG_Y = (0.0, pi / 2, 0.0), (pi / 2, 0.0, 0.0)
+_TEARDROP = ((0.049, 0.014), (0.040, 0.019), (0.028, 0.022), (0.014, 0.0225), (0.0, 0.021), (-0.013, 0.018))
+_TAPER = ((-0.025, 0.014), (-0.036, 0.0105), (-0.046, 0.0075), (-0.055, 0.005))
+
+FUSELAGE = (
+    *(Part("sphere", (r,), (x, 0.0, -0.009 + 0.1 * (0.03 - x)), DARK if x > 0.035 else RED) for x, r in _TEARDROP),
+    *(Part("sphere", (r,), (x, 0.0, -0.009 + 0.1 * (0.03 - x)), RED) for x, r in _TAPER),
+    Part("box", (0.05, 0.034, 0.006), (0.018, 0.0, -0.028), WHITE),
+    Part("cylinder", (0.003, 0.075), (-0.086, 0.0, 0.002), DARK, _ALONG_X),
+    Part("box", (0.022, 0.003, 0.05), (-0.121, 0.0, 0.010), RED),
+    Part("box", (0.017, 0.060, 0.002), (-0.102, 0.0, 0.0035), WHITE),
+    *(Part("cylinder", (0.0018, 0.09), (0.006, y, -0.0435), DARK, _ALONG_X) for y in (-0.029, 0.029)),
+    *(Part("cylinder", (0.0015, 0.058), (x, 0.0, -0.038), DARK, _ALONG_Y) for x in (0.034, -0.018)),
+    Part("cylinder", (0.002, 0.064), (0.0, 0.0, 0.042), METAL),
+)
+"""Everything that does not turn."""
+
+
+def _rotor(height: float) -> tuple[Part, ...]:
+    return (
+        Part("cylinder", (0.095, 0.0008), (0.0, 0.0, height), DISC),
+        Part("cylinder", (0.0065, 0.006), (0.0, 0.0, height), METAL),
+        Part("box", (0.17, 0.015, 0.0016), (0.0, 0.0, height), DARK),
+        *(Part("box", (0.012, 0.0155, 0.002), (x, 0.0, height), TIP) for x in (-0.089, 0.089)),
+    )
+
+
+ROTOR_LOWER, ROTOR_UPPER = _rotor(0.028), _rotor(0.054)
+"""Two rotors that turn against each other about the body's z axis."""
+STABILISER = (
+    Part("cylinder", (0.0015, 0.11), (0.0, 0.0, 0.072), METAL, _ALONG_Y),
+    *(Part("sphere", (0.004,), (0.0, y, 0.072), METAL) for y in (-0.055, 0.055)),
+)
+"""The bar above the upper rotor; turns with it."""
+
+
+def urdf(name: str, root: str) -> str:
+    """The helicopter as a URDF whose one moving link is `name`, its parent `root`."""
+    robot = ET.Element("robot", name="mCX2")
+    ET.SubElement(robot, "link", name=root)
+    joint = ET.SubElement(robot, "joint", name="flight", type="floating")
+    ET.SubElement(joint, "parent", link=root)
+    ET.SubElement(joint, "child", link=name)
+    link = ET.SubElement(robot, "link", name=name)
+    turned = [part._replace(rpy=(0.0, 0.0, 1.2)) for part in ROTOR_LOWER[:3]]
+    for part in (*FUSELAGE, *turned, *ROTOR_UPPER, *STABILISER):
+        visual = ET.SubElement(link, "visual")
+        ET.SubElement(visual, "origin", xyz=_text(part.centre), rpy=_text(part.rpy))
+        geometry = ET.SubElement(visual, "geometry")
+        match part.kind:
+            case "sphere":
+                ET.SubElement(geometry, "sphere", radius=_text(part.size))
+            case "cylinder":
+                ET.SubElement(geometry, "cylinder", radius=_text(part.size[:1]), length=_text(part.size[1:]))
+            case "box":
+                ET.SubElement(geometry, "box", size=_text(part.size))
+        material = ET.SubElement(visual, "material", name=f"{part.colour:08x}")
+        ET.SubElement(material, "color", rgba=_text(tuple(byte / 255 for byte in part.colour.to_bytes(4, "big"))))
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _text(numbers: tuple[float, ...]) -> str:
+    return " ".join(f"{number:.5g}" for number in numbers)

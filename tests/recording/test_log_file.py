@@ -1,0 +1,294 @@
+"""The file: deterministic, readable by others, safe against crashes, and damage is noticed."""
+
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory
+
+from controllers.signals import Pose
+from heli_twin.recording import LogError, Recorder, read_log, recover
+from heli_twin.recording.mcap_stream import McapStream
+from heli_twin.recording.schema import FORMAT, TIMING
+
+Record = Callable[..., Recorder]
+
+POSE = Pose(0, np.zeros(3), np.array([1.0, 0, 0, 0]))
+KILLED_AT = 1_740_000_000
+
+
+@pytest.fixture(scope="module")
+def contents(record: Record) -> bytes:
+    """A whole log."""
+    return _bytes(record(seconds=0.7))
+
+
+def _bytes(recorder: Recorder) -> bytes:
+    recorder.stream.seek(0)
+    return recorder.stream.read()
+
+
+def test_same_flight_same_bytes(record: Record) -> None:
+    assert _bytes(record()) == _bytes(record())
+
+
+def test_in_memory_and_in_a_file_are_the_same(record: Record, tmp_path: Path) -> None:
+    record(tmp_path / "run.mcap")
+    assert (tmp_path / "run.mcap").read_bytes() == _bytes(record())
+
+
+def test_only_measured_times_may_differ(record: Record) -> None:
+    fast, slow = (record(compute_ns=ns, started=started).log() for ns, started in ((5, "Monday"), (10**9, "Tuesday")))
+    assert fast.digest == slow.digest != ""
+    assert fast.metadata != slow.metadata
+    assert {topic for topic in fast.messages if fast.messages[topic] != slow.messages[topic]} == {TIMING}
+
+
+def test_another_flight_has_another_digest(record: Record) -> None:
+    assert record(seed=1).digest != record(seed=2).digest
+
+
+def test_the_experiment_is_part_of_the_digest() -> None:
+    assert Recorder(experiment="{}").digest != Recorder(experiment='{"seed":1}').digest
+
+
+def test_the_library_reads_every_message(record: Record) -> None:
+    recorder = record(seconds=0.7)
+    log = recorder.log()
+    recorder.stream.seek(0)
+    streamed = [r for r in StreamReader(recorder.stream, validate_crcs=True).records if isinstance(r, Message)]
+    assert len(streamed) == sum(len(topic.times) for topic in log.messages.values())
+    assert all(message.log_time == message.publish_time for message in streamed)
+
+
+def test_an_independent_decoder_finds_the_same_values(record: Record) -> None:
+    recorder = record(seconds=0.7)
+    log = recorder.log()
+    recorder.stream.seek(0)
+    reader = make_reader(recorder.stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+    topics = ["/truth", "/mpc/plan", "/mpc/qp", "/events"]
+    decoded = {topic: [m for _, _, _, m in reader.iter_decoded_messages(topics=topic)] for topic in topics}
+    np.testing.assert_array_equal([m.position for m in decoded["/truth"]], log.truth.position)
+    np.testing.assert_array_equal(np.reshape([m.u for m in decoded["/mpc/plan"]], log.plan.u.shape), log.plan.u)
+    assert [m.iterations for m in decoded["/mpc/qp"]] == log.qp.iterations.tolist()
+    assert [m.message for m in decoded["/events"]] == [event.text for event in log.events]
+
+
+def test_rerun_finds_nothing_wrong(record: Record, tmp_path: Path) -> None:
+    record(tmp_path / "run.mcap", seconds=0.7)
+    rerun = Path(sys.executable).with_name("rerun")
+    check = subprocess.run(
+        [rerun, "mcap", "check", "--full", tmp_path / "run.mcap"], capture_output=True, text=True, check=False
+    )
+    assert check.returncode == 0, check.stdout + check.stderr
+    verdicts = [line.split()[0] for line in check.stdout.splitlines() if " /" in line]
+    assert set(verdicts) == {"ok"}, check.stdout
+
+
+def test_the_file_gets_its_name_at_the_end(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "new" / "run.mcap")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["run.mcap.part"]
+    recorder.close("landed", 0)
+    recorder.close("landed", 0)
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["run.mcap"]
+
+
+def test_a_log_is_never_overwritten(tmp_path: Path) -> None:
+    Recorder(tmp_path / "run.mcap").close("landed", 0)
+    with pytest.raises(LogError, match=r"run\.mcap exists already"):
+        Recorder(tmp_path / "run.mcap")
+
+
+def test_a_flight_that_raises_leaves_an_aborted_log(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), Recorder(tmp_path / "run.mcap") as recorder:
+        recorder.pose(30, POSE)
+        raise ZeroDivisionError("oh")
+    log = read_log(tmp_path / "run.mcap")
+    assert (log.outcome, log.ending["time"], log.ending["error"]) == ("aborted", "30", "ZeroDivisionError('oh')")
+
+
+def test_listeners_get_every_message() -> None:
+    heard = []
+    recorder = Recorder(listeners=[lambda *message: heard.append(message)])
+    recorder.pose(30, POSE)
+    recorder.close("landed", 30)
+    assert [(topic, t) for topic, t, _ in heard] == [("/robot_description", 0), ("/mocap/pose", 30)]
+    assert heard[1][2] == recorder.log().messages["/mocap/pose"].data[0]
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(LogError, match="unknown severity 'bad': use one of debug, info, warning, error, fatal"):
+        Recorder().event(0, "bad", "name", "text")
+
+
+# --- when writing goes wrong
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(LogError, match="cannot be written"):
+        Recorder(tmp_path / "file" / "run.mcap")
+
+
+@contextmanager
+def _full_disk(size: int) -> Iterator[None]:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_is_told_once_and_loses_nothing_written(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    recorder = Recorder(tmp_path / "run.mcap")
+    with _full_disk(100_000):
+        with pytest.raises(LogError, match=r"run\.mcap cannot be written .* make room"):
+            for t in range(0, 10**10, 10**6):
+                recorder.pose(t, Pose(t, rng.standard_normal(3), rng.standard_normal(4)))
+        recorder.close("aborted", 0)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap.part"]
+    assert len(read_log(recover(tmp_path / "run.mcap.part")).pose.time) >= 500
+
+
+KILLED = f"""
+import os, signal, sys
+from pathlib import Path
+import numpy as np
+from controllers.signals import Pose
+from heli_twin.recording import Recorder
+recorder = Recorder(Path(sys.argv[1]), experiment='{{"seed":1}}')
+for t in range(0, {KILLED_AT} + 1, 20_000_000):
+    recorder.pose(t, Pose(t, np.zeros(3), np.zeros(4)))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_kill_9_loses_at_most_half_a_second(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    flight = subprocess.run([sys.executable, "-c", KILLED, path], check=False, env={"PYTHONPATH": ":".join(sys.path)})
+    assert flight.returncode == -signal.SIGKILL
+    part = path.with_name("run.mcap.part")
+    with pytest.raises(LogError, match="interrupted: run `heli-twin recover`"):
+        read_log(part)
+    assert recover(part) == path
+    log = read_log(path)
+    assert log.pose.time[-1] >= KILLED_AT - 500_000_000
+    assert (log.experiment, log.outcome, log.ending["time"]) == ('{"seed":1}', "interrupted", str(log.pose.time[-1]))
+
+
+# --- what is read may be anything
+
+DAMAGED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+
+
+@given(where=st.floats(0, 1, exclude_max=True))
+def test_a_truncated_log_is_refused(contents: bytes, where: float) -> None:
+    with pytest.raises(LogError, match=r"empty|not an MCAP|interrupted"):
+        read_log(BytesIO(contents[: int(where * len(contents))]))
+
+
+@given(where=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_a_flipped_bit_is_noticed(contents: bytes, where: float, bit: int) -> None:
+    log = read_log(BytesIO(contents))
+    try:
+        damaged = read_log(BytesIO(_flipped(contents, where, bit)))
+    except LogError:
+        return
+    assert damaged == log
+
+
+@DAMAGED
+@given(where=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7), end=st.floats(0, 1))
+def test_what_is_recovered_is_whole(contents: bytes, tmp_path: Path, where: float, bit: int, end: float) -> None:
+    good = read_log(BytesIO(contents))
+    path = tmp_path / "run.mcap"
+    path.write_bytes(_flipped(contents, where, bit)[: int(end * len(contents))])
+    path.with_name("run.recovered.mcap").unlink(missing_ok=True)
+    try:
+        log = read_log(recover(path))
+    except LogError as error:
+        assert "cannot be recovered" in str(error)
+        return
+    assert log.experiment == good.experiment
+    assert set(log.truth.time) <= set(good.truth.time)
+
+
+def _flipped(contents: bytes, where: float, bit: int) -> bytes:
+    damaged = bytearray(contents)
+    damaged[int(where * len(damaged))] ^= 1 << bit
+    return bytes(damaged)
+
+
+def test_one_damaged_chunk_costs_only_itself(contents: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    good = read_log(BytesIO(contents))
+    path.write_bytes(_flipped(contents, 0.75, 3))
+    log = read_log(recover(path))
+    assert 0 < len(log.truth.time) < len(good.truth.time)
+    assert (log.outcome, log.ending["recovered"]) == ("landed", "yes")
+
+
+@pytest.mark.parametrize("junk", [b"", b"text", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" * 2, b"\x89MCAP0\r\n" + bytes(200)])
+def test_junk_is_refused(junk: bytes) -> None:
+    with pytest.raises(LogError):
+        read_log(BytesIO(junk))
+
+
+@given(st.binary())
+def test_any_bytes_are_refused(junk: bytes) -> None:
+    magic = b"\x89MCAP0\r\n"
+    with pytest.raises(LogError):
+        read_log(BytesIO(magic + junk + magic))
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"run\.mcap cannot be opened: No such file"):
+        read_log(tmp_path / "run.mcap")
+
+
+def test_a_log_of_something_else_is_refused() -> None:
+    stream = BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    writer.add_metadata("other", {})
+    writer.finish()
+    with pytest.raises(LogError, match="not a flight of heli-twin"):
+        read_log(stream)
+
+
+def test_a_newer_log_is_refused() -> None:
+    stream = BytesIO()
+    writer = McapStream(stream, library="heli_twin", chunk_size=1000)
+    writer.metadata("heli_twin", {"format": str(FORMAT + 1)})
+    writer.finish()
+    with pytest.raises(LogError, match=f"has log format {FORMAT + 1}, written by a newer heli-twin"):
+        read_log(stream)
+
+
+def test_messages_of_another_layout_are_refused(record: Record) -> None:
+    stream = BytesIO()
+    writer = McapStream(stream, library="heli_twin", chunk_size=1000)
+    writer.metadata("heli_twin", {"format": str(FORMAT)})
+    writer.attachment("experiment.json", "application/json", b"{}")
+    for topic in ("/truth", "/mpc/plan", "/mpc/qp", "/events"):
+        writer.message(writer.channel(topic, "protobuf", "X", "protobuf", b""), 0, b"\xff\x01")
+    writer.finish()
+    log = read_log(stream)
+    for column in ("truth", "plan", "qp", "events"):
+        with pytest.raises(LogError, match="cannot be read"):
+            getattr(log, column)
