@@ -118,7 +118,7 @@ class Condenser:
         stacked = late.reshape(-1, late.shape[2])
         H = stacked.T @ stacked
         width = N_INPUTS * self._split
-        stacked = early[:, :, :width].reshape(-1, width)
+        stacked = early[:, :, :width].reshape(N_STATES * self._split, width)
         H[:width, :width] += stacked.T @ stacked
         return H
 

@@ -6,7 +6,7 @@ from controllers.errors import InfeasibleTrajectory
 from controllers.flatness import feed_forward, state
 from controllers.model import Model
 from controllers.signals import Array, Reference
-from controllers.trajectories import Trajectory
+from controllers.trajectories import Trajectory, fitted
 
 _BLOCK = 512
 """Samples evaluated at a time: memory does not grow with the flight, and NumPy is called seldom."""
@@ -35,7 +35,7 @@ class ReferencePreview:
     """
 
     def __init__(self, trajectory: Trajectory, model: Model, period: int, origin: int) -> None:
-        self._trajectory, self._model = trajectory, model
+        self._trajectory, self._model = fitted(trajectory, model), model
         self._period, self._origin = period, origin
         self._first, self._x, self._u = 0, np.empty((0, 8)), np.empty((0, 4))
 
@@ -68,25 +68,39 @@ def check_feasible(trajectory: Trajectory, model: Model, duration: float, period
     Raises:
         InfeasibleTrajectory: Names the first time, the quantity, its value and the limit.
     """
+    trajectory = fitted(trajectory, model)
+    low = np.array([*model.u_min, *(-v for v in model.v_max), 0.0])
+    high = np.array([*model.u_max, *model.v_max, np.inf])
     for start in np.arange(0.0, duration + period, _BLOCK * period):
         t = start + period * np.arange(_BLOCK)
         t = t[t <= duration]
         if not t.size:
             return
         flat = trajectory.flat(t)
-        v_max = np.array(model.v_max)
-        _refuse(t, feed_forward(model, flat), np.array(model.u_min), np.array(model.u_max), _INPUTS)
-        _refuse(t, state(flat)[:, 4:], -v_max, v_max, _VELOCITIES)
-        _refuse(t, flat.z[:, 2:3], np.zeros(1), np.full(1, np.inf), (("height above the floor", "m"),))
+        needed = np.concatenate([feed_forward(model, flat), state(flat)[:, 4:], flat.z[:, 2:3]], axis=1)
+        _refuse(t, needed, low, high)
 
 
-def _refuse(t: Array, values: Array, low: Array, high: Array, names: _Names) -> None:
+_NAMES = (
+    ("pitch input u_x", ""),
+    ("roll input u_y", ""),
+    ("thrust input u_z", ""),
+    ("yaw input u_yaw", ""),
+    ("forward speed vx", "m/s"),
+    ("sideward speed vy", "m/s"),
+    ("vertical speed vz", "m/s"),
+    ("yaw rate", "rad/s"),
+    ("height above the floor", "m"),
+)
+
+
+def _refuse(t: Array, values: Array, low: Array, high: Array) -> None:
     # Not `values > high`: a NaN or infinity has to be refused too. The slack is rounding only.
     allowed = (values >= low - 1e-9) & (values <= high + 1e-9)
     if allowed.all():
         return
-    i, j = np.argwhere(~allowed)[0]
-    name, unit = names[j]
+    i, j = (int(index) for index in np.argwhere(~allowed)[0])
+    name, unit = _NAMES[j]
     value, limit = values[i, j], low[j] if values[i, j] < low[j] else high[j]
     raise InfeasibleTrajectory(
         f"the trajectory cannot be flown: at t = {t[i]:.2f} s it needs {name} = {value:.3g} {unit}".rstrip()

@@ -5,8 +5,10 @@ As a tree, an experiment is nested tables. A part's `kind` says which member of 
 `"off"` leaves one out, `"on"` adds one with its defaults.
 """
 
+import csv
 import json
 import math
+import reprlib
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
@@ -19,6 +21,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 from annotated_types import DocInfo, Unit
 from pydantic import TypeAdapter, ValidationError
 
+from controllers.markers import Rows
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.families import EachOf, OneOf, members
@@ -41,6 +44,8 @@ class Part(NamedTuple):
     unit: str
     """Empty for a value without one."""
     doc: str
+    columns: tuple[str, ...] = ()
+    """Of the CSV file that may stand for it; empty for a value that is no table of rows."""
 
 
 @cache
@@ -56,7 +61,8 @@ def _part(hint: Any) -> Part:
     unit = next((e.unit for e in extras if isinstance(e, Unit)), "")
     text = next((e.documentation for e in extras if isinstance(e, DocInfo)), "")
     plain = family is None and not is_dataclass(bare)
-    return Part(bare, TypeAdapter(hint) if plain else None, family, unit, text)
+    columns = next((e.columns for e in extras if isinstance(e, Rows)), ())
+    return Part(bare, TypeAdapter(hint) if plain else None, family, unit, text, columns)
 
 
 def presets() -> dict[str, Path]:
@@ -170,7 +176,29 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 raise ExperimentError(
                     f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{rest[0]}'"
                 )
-            node[key] = value
+            node[key] = _rows(value, part.columns, path) if part.columns and isinstance(value, str) else value
+
+
+def _rows(file: str, columns: tuple[str, ...], path: str) -> list[list[float]]:
+    """The rows of a CSV file: its content becomes part of the experiment, so that a log flies without the file."""
+    line = 1
+    try:
+        with Path(file).open(encoding="utf-8-sig", newline="") as text:
+            table = csv.DictReader(text, skipinitialspace=True, strict=True)
+            missing = [column for column in columns if column not in (table.fieldnames or ())]
+            if missing:
+                raise ExperimentError(
+                    f"{path}: {file} has no column {missing[0]}; its first line has to name {', '.join(columns)}"
+                )
+            rows: list[list[float]] = []
+            for row in table:
+                line = table.line_num
+                rows.append([float(row[column] or "") for column in columns])
+    except OSError as error:
+        raise ExperimentError(f"{path}: cannot read {Path(file).absolute()}: {error.strerror}") from None
+    except (ValueError, csv.Error) as error:
+        raise ExperimentError(f"{path}: {file}, line {line} is not a row of numbers: {error}") from None
+    return rows
 
 
 def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str) -> None:
@@ -214,8 +242,12 @@ def _table(spec: Any) -> Tree:
         elif part.adapter is None:
             table[name] = _table(value)
         else:
-            table[name] = list(value) if isinstance(value, tuple) else value
+            table[name] = _listed(value)
     return table
+
+
+def _listed(value: Any) -> Any:
+    return [_listed(v) for v in value] if isinstance(value, tuple) else value
 
 
 def experiment_of(tree: Tree) -> Experiment:
@@ -225,6 +257,15 @@ def experiment_of(tree: Tree) -> Experiment:
         ExperimentError: Names the field, its value, the limit and the default.
     """
     return _spec(Experiment, tree, "")
+
+
+def spec_of(spec: type, tree: Any) -> Any:
+    """A validated spec of another kind from a tree, a study for one; fields left out keep their defaults.
+
+    Raises:
+        ExperimentError: Names the field, its value, the limit and the default.
+    """
+    return _spec(spec, tree, "")
 
 
 def _spec(spec: type, tree: Any, here: str) -> Any:
@@ -264,9 +305,8 @@ def _spec(spec: type, tree: Any, here: str) -> Any:
 
 def _value(part: Part, value: Any, path: str, spec: type) -> Any:
     assert part.adapter is not None
-    flat = value if isinstance(value, list) else [value]
-    if any(isinstance(v, float) and not math.isfinite(v) for v in flat):
-        raise ExperimentError(f"{path} = {value} is not a finite number; {_default(part, spec, path)}")
+    if any(isinstance(v, float) and not math.isfinite(v) for v in _leaves_of(value)):
+        raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a finite number; {_default(part, spec, path)}")
     try:
         return part.adapter.validate_json(json.dumps(value, default=str), strict=True)
     except ValidationError as errors:
@@ -278,10 +318,22 @@ def _value(part: Part, value: Any, path: str, spec: type) -> Any:
             raise ExperimentError(f"{path} = {_instead(value, options)}") from None
         unit = f" {part.unit}" if part.unit and "ctx" in error else ""
         message = message.replace("input should be", "it must be") + unit
-        raise ExperimentError(f"{where} = {error['input']!r}: {message}; {_default(part, spec, path)}") from None
+        raise ExperimentError(
+            f"{where} = {reprlib.repr(error['input'])}: {message}; {_default(part, spec, path)}"
+        ) from None
+
+
+def _leaves_of(value: Any) -> Iterator[Any]:
+    if isinstance(value, list):
+        for inner in value:
+            yield from _leaves_of(inner)
+    else:
+        yield value
 
 
 def _default(part: Part, spec: type, path: str) -> str:
+    if part.columns:
+        return f"each row is {', '.join(part.columns)}"
     value = getattr(spec(), path.split(".")[-1])
     return f"the default is {json.dumps(value)} {part.unit}".rstrip()
 
@@ -321,6 +373,8 @@ def _toml(spec: Any, here: str) -> Iterator[str]:
             tables.append((name, part.doc, value))
         else:
             text = f"{name} = {json.dumps(value)}"
+            if part.columns:
+                text = "\n".join([f"{name} = [", *(f"  {json.dumps(row)}," for row in value), "]"])
             meaning = ": ".join(filter(None, [part.unit, part.doc]))
             if get_args(part.type) and all(isinstance(o, str) for o in get_args(part.type)) and name != "kind":
                 meaning += f" ({' | '.join(get_args(part.type))})"

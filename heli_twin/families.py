@@ -6,12 +6,9 @@ from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
 
+from controllers.markers import OneOf
 
-@dataclass(frozen=True, slots=True)
-class OneOf:
-    """Marks a field whose value is any one member of the family that lives in a package or module."""
-
-    package: str
+__all__ = ["EachOf", "OneOf", "members"]
 
 
 @dataclass(frozen=True, slots=True)

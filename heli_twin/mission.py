@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+from io import BytesIO
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -42,6 +43,8 @@ class Result:
     """Hash of the experiment and of every recorded message but the measured times."""
     real_time_factor: float
     """Simulated over measured time of the flight, recording included."""
+    data: bytes | None = None
+    """The log as a file's bytes, if it was kept in memory."""
 
     def summary(self) -> dict[str, Any]:
         """The result as `heli-twin fly --json` prints it."""
@@ -90,7 +93,8 @@ def fly(
         took = perf_counter() - began
         recorder.close(outcome.kind, outcome.time, text=outcome.text)
     log = read_log(path if path is not None else recorder.stream)
-    return Result(experiment, outcome, log, path, recorder.digest, 1e-9 * outcome.time / took)
+    data = recorder.stream.getvalue() if isinstance(recorder.stream, BytesIO) else None
+    return Result(experiment, outcome, log, path, recorder.digest, 1e-9 * outcome.time / took, data)
 
 
 def checked(experiment: Experiment) -> Experiment:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple, Protocol
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Unit, doc
+from annotated_types import Ge, Le, Unit, doc
 
 from controllers.signals import Array, Command
 from heli_twin.chance import nanoseconds

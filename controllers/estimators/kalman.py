@@ -152,7 +152,7 @@ def heading(quat_wxyz: Array) -> float:
 
 
 def _corrected(x: State, position: Input, velocity_world: Input) -> State:
-    """Add corrections of x y z yaw and of their rates; velocities stand still in the world while the yaw is corrected."""
+    """Add corrections of x y z yaw and of their rates; the velocity keeps its world direction when the yaw is corrected."""
     c, s = cos(x[3]), sin(x[3])
     wx = c * x[4] - s * x[5] + velocity_world[0]
     wy = s * x[4] + c * x[5] + velocity_world[1]

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Unit, doc
 
+from controllers.clock import smooth_start
 from controllers.flatness import FlatOutput
 from controllers.signals import Array
 
@@ -45,26 +46,3 @@ class Circle:
                 axis=-1,
             ),
         )
-
-
-def smooth_start(t: Array, ramp: float) -> tuple[Array, Array, Array]:
-    """A clock that starts at rest and runs at full speed after `ramp` seconds.
-
-    Its speed is the smoothstep 3 q^2 - 2 q^3 of q = t / ramp, so that position, speed and acceleration of
-    whatever follows it are continuous.
-
-    Args:
-        t: (n,) time, s.
-        ramp: Duration of the start, s; 0 for none.
-
-    Returns:
-        Its reading (s), speed (1) and acceleration (1/s), each (n,).
-    """
-    if ramp <= 0.0:
-        return t, np.ones_like(t), np.zeros_like(t)
-    q = np.clip(t / ramp, 0.0, 1.0)
-    return (
-        ramp * (q**3 - 0.5 * q**4) + np.maximum(t - ramp, 0.0),
-        q * q * (3.0 - 2.0 * q),
-        6.0 * q * (1.0 - q) / ramp,
-    )

@@ -68,8 +68,9 @@ class MuJoCo:
     yaw_trim: Annotated[float, Ge(-0.5), Le(0.5), Unit("full stick"), doc("yaw input that holds the heading")] = 0.0
     servo_lag: Annotated[float, Ge(0), Le(1), Unit("s"), doc("time constant of the swashplate servos")] = 0.03
     thrust_lag: Annotated[float, Ge(0), Le(1), Unit("s"), doc("time constant of thrust: rotor speed")] = 0.06
-    # The motors' reaction torque leads the rotor speed.
-    yaw_lag: Annotated[float, Ge(0), Le(1), Unit("s"), doc("time constant of the yaw torque")] = 0.02
+    # The motors' reaction torque leads the rotor speed: a coreless motor's current settles within a millisecond, and
+    # the speed controller's PWM and mixing add a few. An estimate; at 20 ms a 45 ms loop would not limit-cycle in yaw.
+    yaw_lag: Annotated[float, Ge(0), Le(1), Unit("s"), doc("time constant of the yaw torque")] = 0.005
     input_delay: Annotated[
         float, Ge(0), Le(0.2), Unit("s"), doc("receiver and servo electronics, rounded to whole steps")
     ] = 0.002

@@ -1,6 +1,6 @@
 """A flight log as NumPy columns: what every metric, figure and picture is computed from."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
@@ -235,6 +236,17 @@ class Log:
             return [Event(t, SEVERITY[m.level], m.name, m.message) for t, m in zip(topic.times, messages, strict=True)]
 
     @cached_property
+    def reference_paths(self) -> list[tuple[int, Array]]:
+        """When (ns) each whole path to fly became known, and its points (n, 3), world, m, rounded."""
+        topic = self._messages("/view/reference_path")
+        with _decoding("/view/reference_path"):
+            clouds = [PointCloud.FromString(bytes(data)).data for data in topic.data]
+            return [
+                (t, np.frombuffer(cloud, "<f4").reshape(-1, 3).astype(float))
+                for t, cloud in zip(topic.times, clouds, strict=True)
+            ]
+
+    @cached_property
     def timing(self) -> Timings:
         """How long computing took."""
         return Timings(*self._columns("/timing"))
@@ -252,7 +264,7 @@ class Log:
 
 
 @contextmanager
-def _decoding(topic: str) -> Iterator[None]:
+def _decoding(topic: str) -> Generator[None]:
     try:
         yield
     except (ValueError, IndexError, DecodeError) as error:

@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -63,7 +63,7 @@ def read_log(source: Path | str | IO[bytes]) -> Log:
 
 
 @contextmanager
-def _reading(name: str) -> Iterator[None]:
+def _reading(name: str) -> Generator[None]:
     """Turn whatever goes wrong inside into one sentence about the file of that name."""
     try:
         yield

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 Triple = tuple[float, float, float]
 
 RED, WHITE, DARK, METAL, TIP = 0xD93A26FF, 0xF2F2EDFF, 0x3A3C42FF, 0xA0A4ABFF, 0xFACC1FFF
-DISC = 0x6FA8DC38
+DISC = 0x6FA8DC1C
 
 
 class Part(NamedTuple):
@@ -26,12 +26,12 @@ class Part(NamedTuple):
 
 
 _ALONG_X, _ALONG_Y = (0.0, pi / 2, 0.0), (pi / 2, 0.0, 0.0)
-_TEARDROP = ((0.049, 0.014), (0.040, 0.019), (0.028, 0.022), (0.014, 0.0225), (0.0, 0.021), (-0.013, 0.018))
-_TAPER = ((-0.025, 0.014), (-0.036, 0.0105), (-0.046, 0.0075), (-0.055, 0.005))
+_CANOPY = [0.036 - 0.004 * i for i in range(24)]
+"""Where along x the spheres stand that make the canopy's teardrop; a URDF has no ellipsoid."""
 
 FUSELAGE = (
-    *(Part("sphere", (r,), (x, 0.0, -0.009 + 0.1 * (0.03 - x)), DARK if x > 0.035 else RED) for x, r in _TEARDROP),
-    *(Part("sphere", (r,), (x, 0.0, -0.009 + 0.1 * (0.03 - x)), RED) for x, r in _TAPER),
+    *(Part("sphere", (0.0225 - 0.27 * abs(x - 0.012),), (x, 0.0, -0.0068 - 0.1 * x), RED) for x in _CANOPY),
+    Part("sphere", (0.0165,), (0.034, 0.0, -0.0065), DARK),
     Part("box", (0.05, 0.034, 0.006), (0.018, 0.0, -0.028), WHITE),
     Part("cylinder", (0.003, 0.075), (-0.086, 0.0, 0.002), DARK, _ALONG_X),
     Part("box", (0.022, 0.003, 0.05), (-0.121, 0.0, 0.010), RED),

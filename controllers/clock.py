@@ -1,0 +1,81 @@
+"""The pace of a planned flight: clocks that start, and stop, at rest, and curves that are flown by them."""
+
+import numpy as np
+
+from controllers.flatness import FlatOutput
+from controllers.signals import Array
+
+Pace = tuple[Array, Array, Array]
+"""Reading of a clock (s, or rad for an angle), its speed and its acceleration (per s), each (n,)."""
+Coordinates = tuple[Array | float, Array | float, Array | float, Array | float]
+"""x y z (m) and yaw (rad), or their derivatives with respect to a clock's reading."""
+
+
+def smooth_start(t: Array, ramp: float) -> Pace:
+    """A clock that starts at rest and runs at full speed after `ramp` seconds.
+
+    Its speed is the smoothstep 3 q^2 - 2 q^3 of q = t / ramp, so that position, speed and acceleration of
+    whatever follows it are continuous.
+
+    Args:
+        t: (n,) time, s.
+        ramp: Duration of the start, s; 0 for none.
+
+    Returns:
+        Its reading (s), speed (1) and acceleration (1/s), each (n,).
+    """
+    if ramp <= 0.0:
+        return t, np.ones_like(t), np.zeros_like(t)
+    q = np.clip(t / ramp, 0.0, 1.0)
+    return (
+        ramp * (q**3 - 0.5 * q**4) + np.maximum(t - ramp, 0.0),
+        q * q * (3.0 - 2.0 * q),
+        6.0 * q * (1.0 - q) / ramp,
+    )
+
+
+def smooth_ride(t: Array, length: float, ramp: float) -> Pace:
+    """A clock that runs from 0 to `length`, starts and stops as `smooth_start` does, and then stands.
+
+    Args:
+        t: (n,) time, s; before 0 it stands too.
+        length: Last reading, s.
+        ramp: Duration of the start and of the stop, s; a length shorter than that has shorter ones.
+
+    Returns:
+        Its reading (s), speed (1) and acceleration (1/s), each (n,). It arrives at `ride_duration(length, ramp)`.
+    """
+    ramp = min(ramp, length)
+    end = ride_duration(length, ramp)
+    reading, speed, acceleration = smooth_start(np.minimum(t, end - t), ramp)
+    stopping, under_way = t > 0.5 * end, (t >= 0.0) & (t <= end)
+    reading = np.where(under_way, reading, 0.0)
+    return (
+        np.where(stopping, length - reading, reading),
+        np.where(under_way, speed, 0.0),
+        np.where(under_way, np.where(stopping, -acceleration, acceleration), 0.0),
+    )
+
+
+def ride_duration(length: float, ramp: float) -> float:
+    """How long `smooth_ride` takes, s: each ramp covers half of what full speed would."""
+    return length + min(ramp, length)
+
+
+def along(pace: Pace, point: Coordinates, slope: Coordinates, bend: Coordinates) -> FlatOutput:
+    """A curve flown at the pace of a clock.
+
+    Args:
+        pace: The clock.
+        point: The curve at the clock's reading.
+        slope: Its first derivative with respect to the reading.
+        bend: Its second derivative.
+    """
+    columns = np.broadcast_arrays(pace[0], *point, *slope, *bend)[1:]
+    return paced(FlatOutput(*(np.stack(columns[i : i + 4], axis=-1) for i in (0, 4, 8))), pace)
+
+
+def paced(flat: FlatOutput, pace: Pace) -> FlatOutput:
+    """Flat outputs at a clock's readings, with derivatives in its time: the chain rule."""
+    _, speed, acceleration = (part[:, None] for part in pace)
+    return FlatOutput(flat.z, flat.dz * speed, flat.ddz * speed**2 + flat.dz * acceleration)

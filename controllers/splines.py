@@ -1,0 +1,65 @@
+"""Smooth curves through given points: polynomials of degree five, joined with continuous acceleration.
+
+Source: van Nieuwstadt and Murray, "Real-time trajectory generation for differentially flat systems", 1998: with flat
+outputs a flight from point to point is any smooth enough curve, and polynomials will do.
+"""
+
+import numpy as np
+
+from controllers.flatness import FlatOutput
+from controllers.signals import Array
+
+
+def knot_motion(times: Array, points: Array, *, rest: bool) -> tuple[Array, Array]:
+    """How to pass through points: the velocity and acceleration of the parabola through each and its neighbours.
+
+    Args:
+        times: (n,) when, s, increasing.
+        points: (n, 4) where.
+        rest: Whether the first and the last point are at rest; otherwise the outermost parabolas go on to them.
+
+    Returns:
+        Velocities and accelerations, each (n, 4).
+    """
+    step = np.diff(times)[:, None]
+    slope = np.diff(points, axis=0) / step
+    before, after = step[:-1], step[1:]
+    velocity, acceleration = np.zeros_like(points), np.zeros_like(points)
+    velocity[1:-1] = (after * slope[:-1] + before * slope[1:]) / (before + after)
+    acceleration[1:-1] = 2.0 * (slope[1:] - slope[:-1]) / (before + after)
+    if not rest:
+        # Two points alone are flown on a straight line.
+        acceleration[0], acceleration[-1] = acceleration[1], acceleration[-2]
+        velocity[0] = slope[0] - 0.5 * step[0] * acceleration[0]
+        velocity[-1] = slope[-1] + 0.5 * step[-1] * acceleration[-1]
+    return velocity, acceleration
+
+
+def quintic(t: Array, times: Array, points: Array, velocity: Array, acceleration: Array) -> FlatOutput:
+    """Polynomials of degree five between knots; before the first and after the last knot the curve stands still.
+
+    Args:
+        t: (n,) s.
+        times: (m,) of the knots, s, increasing.
+        points: (m, 4) knots.
+        velocity: (m, 4) at the knots.
+        acceleration: (m, 4) at the knots.
+
+    Returns:
+        Each (n, 4).
+    """
+    i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+    length = (times[i + 1] - times[i])[:, None]
+    q = np.clip((t - times[i])[:, None] / length, 0.0, 1.0)
+    v0, v1 = velocity[i] * length, velocity[i + 1] * length
+    a0, a1 = acceleration[i] * length**2, acceleration[i + 1] * length**2
+    way = points[i + 1] - points[i]
+    c3 = 10.0 * way - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15.0 * way + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
+    c5 = 6.0 * way - 3.0 * (v0 + v1) + 0.5 * (a1 - a0)
+    moving = ((t >= times[0]) & (t <= times[-1]))[:, None]
+    return FlatOutput(
+        points[i] + q * (v0 + q * (0.5 * a0 + q * (c3 + q * (c4 + q * c5)))),
+        np.where(moving, v0 + q * (a0 + q * (3.0 * c3 + q * (4.0 * c4 + q * 5.0 * c5))), 0.0) / length,
+        np.where(moving, a0 + q * (6.0 * c3 + q * (12.0 * c4 + q * 20.0 * c5)), 0.0) / length**2,
+    )

@@ -1,0 +1,68 @@
+"""Fly a path of the user's own, given as rows of time, position and heading."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, MaxLen, MinLen, Unit, doc
+
+from controllers.clock import paced, smooth_ride
+from controllers.flatness import FlatOutput
+from controllers.markers import Rows
+from controllers.signals import Array
+from controllers.splines import knot_motion, quintic
+
+Row = tuple[float, float, float, float, float]
+"""Time (s), x, y, height (m) and heading (rad)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Csv:
+    """Smooth through every row at its time, along polynomials of degree five in the flat outputs.
+
+    The rows themselves are the value: a log flies again without the file they came from. The first row's time counts
+    as 0. Between two rows the heading turns the short way. Rows that begin or end in motion need a `ramp`.
+    """
+
+    kind: Literal["csv"] = "csv"
+    rows: Annotated[
+        tuple[Row, ...],
+        MinLen(2),
+        MaxLen(100_000),
+        Rows(("t", "x", "y", "z", "yaw")),
+        doc("t (s), x, y, height (m), heading (rad) each, or the path of a CSV file with columns t, x, y, z, yaw"),
+    ] = (
+        (0.0, 0.0, 0.0, 0.8, 0.0),
+        (3.0, 0.6, 0.0, 1.0, 0.0),
+        (6.0, 0.6, 0.6, 1.2, 1.5),
+        (9.0, 0.0, 0.6, 1.0, 3.0),
+        (12.0, 0.0, 0.0, 0.8, 3.0),
+    )
+    ramp: Annotated[
+        float,
+        Ge(0),
+        Unit("s"),
+        doc("time to gather speed and to stop, half of it extra; 0 keeps the rows' own time"),
+    ] = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse rows that are not in order.
+
+        Raises:
+            ValueError: A time does not increase.
+        """
+        for i, (row, following) in enumerate(pairwise(self.rows)):
+            if not following[0] > row[0]:
+                raise ValueError(
+                    f"rows[{i + 1}] has t = {following[0]} s after t = {row[0]} s: give every time once, in order"
+                )
+
+    def flat(self, t: Array) -> FlatOutput:
+        """The way flown so far; after the last row it stands there."""
+        rows = np.array(self.rows)
+        times, points = rows[:, 0] - rows[0, 0], rows[:, 1:].copy()
+        points[:, 3] = np.unwrap(points[:, 3])
+        velocity, acceleration = knot_motion(times, points, rest=self.ramp == 0.0)
+        pace = smooth_ride(t, float(times[-1]), self.ramp)
+        return paced(quintic(pace[0], times, points, velocity, acceleration), pace)

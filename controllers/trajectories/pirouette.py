@@ -1,0 +1,30 @@
+"""Turn on the spot."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Unit, doc
+
+from controllers.clock import along, smooth_start
+from controllers.flatness import FlatOutput
+from controllers.signals import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Pirouette:
+    """Turn at a constant rate above one point."""
+
+    kind: Literal["pirouette"] = "pirouette"
+    x: Annotated[float, Unit("m"), doc("where to turn, north")] = 0.0
+    y: Annotated[float, Unit("m"), doc("where to turn, west")] = 0.0
+    height: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity above the floor")] = 1.0
+    rate: Annotated[float, Unit("rad/s"), doc("yaw rate, positive to port")] = 1.5
+    ramp: Annotated[float, Ge(0), Unit("s"), doc("time to gather speed from a standing start; 0 starts in motion")] = (
+        2.0
+    )
+
+    def flat(self, t: Array) -> FlatOutput:
+        """The point, and the heading that a smooth start has reached."""
+        pace = smooth_start(t, self.ramp)
+        point = (self.x, self.y, self.height, self.rate * pace[0])
+        return along(pace, point, (0.0, 0.0, 0.0, self.rate), (0.0, 0.0, 0.0, 0.0))

@@ -1,0 +1,39 @@
+"""Turn on the own axis while flying round a circle."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Unit, doc
+
+from controllers.clock import along, smooth_start
+from controllers.flatness import FlatOutput
+from controllers.signals import Array
+
+
+@dataclass(frozen=True, slots=True)
+class PirouetteCircle:
+    """A level circle about the origin with a heading that turns at a rate of its own."""
+
+    kind: Literal["pirouette_circle"] = "pirouette_circle"
+    radius: Annotated[float, Gt(0), Unit("m"), doc("radius of the circle")] = 0.5
+    rate: Annotated[float, Unit("rad/s"), doc("angular rate on the circle, positive counter-clockwise from above")] = (
+        0.8
+    )
+    yaw_rate: Annotated[float, Unit("rad/s"), doc("rate of the heading, positive to port")] = 1.6
+    height: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity above the floor")] = 1.0
+    ramp: Annotated[float, Ge(0), Unit("s"), doc("time to gather speed from a standing start; 0 starts in motion")] = (
+        2.0
+    )
+
+    def flat(self, t: Array) -> FlatOutput:
+        """The point on the circle and the heading that a smooth start has reached; it starts looking north."""
+        pace = smooth_start(t, self.ramp)
+        angle, w = self.rate * pace[0], self.rate
+        c, s = self.radius * np.cos(angle), self.radius * np.sin(angle)
+        return along(
+            pace,
+            (c, s, self.height, self.yaw_rate * pace[0]),
+            (-w * s, w * c, 0.0, self.yaw_rate),
+            (-w * w * c, -w * w * s, 0.0, 0.0),
+        )

@@ -1,0 +1,48 @@
+"""Rise from the floor, fly any other trajectory, and come down again."""
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Gt, Unit, doc
+
+from controllers.clock import paced, ride_duration, smooth_ride
+from controllers.flatness import FlatOutput
+from controllers.markers import OneOf
+from controllers.model import Model
+from controllers.signals import Array
+from controllers.splines import quintic
+from controllers.trajectories import Trajectory, fitted
+from controllers.trajectories.circle import Circle
+
+
+@dataclass(frozen=True, slots=True)
+class TakeoffAndLanding:
+    """Straight up to where a trajectory starts, along it from rest to rest, and straight down from where it ends."""
+
+    kind: Literal["takeoff_and_landing"] = "takeoff_and_landing"
+    flight: Annotated[Trajectory, OneOf("controllers.trajectories"), doc("what to fly in between")] = field(
+        default_factory=Circle
+    )
+    airborne: Annotated[float, Gt(0), Unit("s"), doc("how much of it to fly")] = 20.0
+    climb: Annotated[float, Gt(0), Unit("s"), doc("time to rise, and to come down")] = 3.0
+    ramp: Annotated[float, Gt(0), Unit("s"), doc("time to gather speed and to stop, half of it extra")] = 2.0
+    # The skids reach 0.045 m below the centre of gravity.
+    floor: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity when it stands")] = 0.045
+
+    def flat(self, t: Array) -> FlatOutput:
+        """The trajectory at the pace of a clock that starts and stops at rest, lowered to the floor at both ends."""
+        pace = smooth_ride(t - self.climb, self.airborne, self.ramp)
+        inner = paced(self.flight.flat(pace[0]), pace)
+        first, last = self.flight.flat(np.array([0.0, self.airborne])).z[:, 2]
+        descent = self.climb + ride_duration(self.airborne, self.ramp)
+        times = np.array([0.0, self.climb, descent, descent + self.climb])
+        rest = np.zeros((4, 4))
+        lowering = rest.copy()
+        lowering[[0, 3], 2] = self.floor - first, self.floor - last
+        sunk = quintic(t, times, lowering, rest, rest)
+        return FlatOutput(inner.z + sunk.z, inner.dz + sunk.dz, inner.ddz + sunk.ddz)
+
+    def fitted(self, model: Model) -> "TakeoffAndLanding":
+        """The same flight around the one that `model` allows."""
+        return replace(self, flight=fitted(self.flight, model))

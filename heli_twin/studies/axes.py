@@ -1,0 +1,186 @@
+"""Axes of a study: what one field of the experiment is swept over. A class here is one kind of axis.
+
+In a study file an axis is a list, or one kind with its numbers: `{ linspace = [0.024, 0.034, 5] }`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from statistics import NormalDist
+from typing import Any, Literal, Protocol
+
+from heli_twin.families import members
+from heli_twin.studies.errors import StudyError
+
+LOW, HIGH = 0.05, 0.95
+"""The quantiles that stand for the ends of a distribution."""
+
+
+class Axis(Protocol):
+    """What a field is swept over."""
+
+    def levels(self) -> Sequence[Any]:
+        """Its values in order; none for a distribution."""
+        ...
+
+    def quantile(self, p: float) -> Any:
+        """The value that a share p in [0, 1) of the draws stays below."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """A list of values, each as likely as the others."""
+
+    values: tuple[Any, ...]
+    kind: Literal["values"] = "values"
+
+    def levels(self) -> Sequence[Any]:
+        """As they were written."""
+        return self.values
+
+    def quantile(self, p: float) -> Any:
+        """One of the list."""
+        return self.values[min(int(p * len(self.values)), len(self.values) - 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Linspace:
+    """From start to stop in equal steps."""
+
+    start: float
+    stop: float
+    number: int
+    kind: Literal["linspace"] = "linspace"
+
+    def __post_init__(self) -> None:
+        """Refuse a step count that makes no axis."""
+        _whole(self.number)
+
+    def levels(self) -> Sequence[float]:
+        """Both ends included."""
+        return [_tidy(self.quantile(i / max(1, self.number - 1))) for i in range(int(self.number))]
+
+    def quantile(self, p: float) -> float:
+        """Anywhere between the ends."""
+        return self.start + p * (self.stop - self.start)
+
+
+@dataclass(frozen=True, slots=True)
+class Logspace:
+    """From start to stop, each value the same multiple of the one before. Start and stop are values, not exponents."""
+
+    start: float
+    stop: float
+    number: int
+    kind: Literal["logspace"] = "logspace"
+
+    def __post_init__(self) -> None:
+        """Refuse what has no logarithm."""
+        _whole(self.number)
+        if self.start <= 0 or self.stop <= 0:
+            raise StudyError("a logspace goes from one positive value to another")
+
+    def levels(self) -> Sequence[float]:
+        """Both ends included."""
+        return [_tidy(self.quantile(i / max(1, self.number - 1))) for i in range(int(self.number))]
+
+    def quantile(self, p: float) -> float:
+        """Anywhere between the ends, evenly in the logarithm."""
+        return self.start * math.exp(p * math.log(self.stop / self.start))
+
+
+@dataclass(frozen=True, slots=True)
+class Normal:
+    """A normal distribution, cut off at four standard deviations."""
+
+    mean: float
+    deviation: float
+    kind: Literal["normal"] = "normal"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no distribution."""
+        if self.deviation <= 0:
+            raise StudyError("the second number of a normal distribution is its standard deviation, above 0")
+
+    def levels(self) -> Sequence[float]:
+        """None."""
+        return ()
+
+    def quantile(self, p: float) -> float:
+        """By the inverse of the normal distribution."""
+        return NormalDist(self.mean, self.deviation).inv_cdf(min(max(p, 3.2e-5), 1 - 3.2e-5))
+
+
+@dataclass(frozen=True, slots=True)
+class Uniform:
+    """Anything between two values."""
+
+    low: float
+    high: float
+    kind: Literal["uniform"] = "uniform"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no distribution."""
+        if self.low >= self.high:
+            raise StudyError("a uniform distribution goes from the lower value to the higher one")
+
+    def levels(self) -> Sequence[float]:
+        """None."""
+        return ()
+
+    def quantile(self, p: float) -> float:
+        """Anywhere between the two."""
+        return self.low + p * (self.high - self.low)
+
+
+def axis_of(path: str, written: Any) -> Axis:
+    """The axis that a study file describes.
+
+    Args:
+        path: The field it sweeps, for the message.
+        written: A list, or a table with one kind of axis and its numbers.
+
+    Raises:
+        StudyError: It is empty or no axis.
+    """
+    kinds = members(__name__)
+    if isinstance(written, list | tuple):
+        if not written:
+            raise StudyError(f"axis '{path}' is empty: give it at least one value")
+        if len({repr(value) for value in written}) < len(written):
+            raise StudyError(f"axis '{path}' has the same value twice: {list(written)}")
+        return Values(tuple(written))
+    names = [name for name in kinds if name != "values"]
+    if not isinstance(written, dict) or len(written) != 1 or next(iter(written)) not in names:
+        raise StudyError(f"axis '{path}' = {written!r}: write a list, or one of {', '.join(names)} with its numbers")
+    ((name, numbers),) = written.items()
+    wanted = [f.name for f in fields(kinds[name]) if f.name != "kind"]
+    if not isinstance(numbers, list | tuple) or len(numbers) != len(wanted) or not all(map(_is_number, numbers)):
+        raise StudyError(f"axis '{path}': {name} takes [{', '.join(wanted)}], not {numbers!r}")
+    try:
+        return kinds[name](*numbers)
+    except StudyError as error:
+        raise StudyError(f"axis '{path}' = {written!r}: {error}") from None
+
+
+def extremes(axis: Axis) -> list[Any]:
+    """The values to try one at a time: all of a list, the two ends of a range or distribution."""
+    if isinstance(axis, Values):
+        return list(axis.values)
+    levels = axis.levels()
+    return [levels[0], levels[-1]] if levels else [_tidy(axis.quantile(LOW)), _tidy(axis.quantile(HIGH))]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _whole(number: float) -> None:
+    if number != int(number) or number < 1:
+        raise StudyError("the last number says how many values, 1 or more")
+
+
+def _tidy(value: float) -> float:
+    """Without the last digits that only rounding put there, so that 0.03 is 0.03 and ids stay the same."""
+    return float(f"{value:.12g}")

@@ -1,0 +1,228 @@
+"""Running a study: what is new is flown, what comes back is stored at once, what is worth keeping is kept."""
+
+import os
+import platform
+import socket
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import islice
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from heli_twin.studies.columns import COMPLETED
+from heli_twin.studies.designs import Point, Row
+from heli_twin.studies.engine import Backend, Done, Trouble, Work, flown
+from heli_twin.studies.plan import Plan, Run, plan_of
+from heli_twin.studies.store import Store
+from heli_twin.studies.study import Study, study_tree
+from heli_twin.studies.work import Task, fly_task
+
+CHUNK = 256
+"""Runs looked up and written down at a time."""
+
+
+@dataclass
+class Progress:
+    """How far a study is."""
+
+    total: int
+    """Runs it may need."""
+    done: int = 0
+    """Runs that are over, those from an earlier launch included."""
+    flown: int = 0
+    """Runs flown by this launch."""
+    failed: dict[str, int] = field(default_factory=dict)
+    """How many by what went wrong, this launch."""
+
+
+def run_study(
+    study: Study,
+    out: Path,
+    *,
+    backend: Callable[[Plan, float], Backend] | None = None,
+    watch: Callable[[Progress], None] = lambda progress: None,
+    again: bool = False,
+    work: Work = fly_task,
+) -> Progress:
+    """Fly what a study asks for and has not been flown yet, and write `results.parquet` at the end.
+
+    It may be stopped at any time, in any way; running it again goes on. In a program of your own, call it under
+    `if __name__ == "__main__":`, since worker processes load the program too.
+
+    Args:
+        study: What to fly.
+        out: Folder for the results.
+        backend: Makes what flies, from the plan and the timeout; None for all cores of this machine.
+        watch: Told about progress.
+        again: Fly the runs again that were killed, hung or raised.
+        work: What a worker does with a run.
+
+    Raises:
+        HeliTwinError: The study is wrong, or the folder is in use; nothing has been flown.
+    """
+    from heli_twin.studies.results import write_parquet
+
+    plan = plan_of(study)
+    with Store(out, write=True) as store:
+        campaign = Campaign(plan, store, out, work, watch)
+        store.begin(campaign.about())
+        if again:
+            store.forget_troubles()
+        with (backend or embedded)(plan, time_allowed(plan)) as fleet:
+            campaign.run(fleet)
+        store.note({"finished": datetime.now(UTC).isoformat()})
+        write_parquet(store, out / "results.parquet")
+    return campaign.progress
+
+
+def embedded(plan: Plan, timeout: float, processes: int | None = None) -> Backend:
+    """All cores of this machine, or so many."""
+    from heli_twin.studies.pebble_pool import PebblePool
+
+    return PebblePool(processes, timeout)
+
+
+def time_allowed(plan: Plan) -> float:
+    """How long a flight may take before it counts as hung, s."""
+    if plan.study.timeout:
+        return plan.study.timeout
+    import json
+
+    return 60 + 5 * json.loads(plan.base)["duration"]
+
+
+class Campaign:
+    """One launch of a study."""
+
+    def __init__(
+        self, plan: Plan, store: Store, out: Path, work: Work = fly_task, watch: Callable[[Progress], None] = lambda p: None
+    ) -> None:
+        self.plan, self.store, self.out, self.work, self.watch = plan, store, out, work, watch
+        self.progress = Progress(plan.study.design.count(plan))
+        self._next_run = self._next_point = 0
+        self._last_worst = monotonic()
+        self._worst: float | None = None
+        self._failures_kept = 0
+
+    def about(self) -> dict[str, Any]:
+        """What the report says of the study as a whole."""
+        from heli_twin.mission import provenance
+
+        facts = {f"with.{key}": value for key, value in provenance().items()}
+        return facts | {
+            "study": study_tree(self.plan.study),
+            "base": self.plan.base,
+            "planned": self.progress.total,
+            "host": socket.gethostname(),
+            "cores": os.cpu_count(),
+            "system": platform.platform(),
+            "launched": datetime.now(UTC).isoformat(),
+        }
+
+    def run(self, backend: Backend) -> None:
+        """Fly the design, batch by batch."""
+        design = self.plan.study.design
+        batches = design.batches(self.plan)
+        answer: list[Row] | None = None
+        while True:
+            try:
+                points = batches.send(answer)  # type: ignore[arg-type]
+            except StopIteration:
+                break
+            first = self._next_run
+            self._batch(points, backend)
+            answer = list(self.store.rows(first, self._next_run - 1)) if design.adaptive else []
+        self.progress.total = self.progress.done
+        self.store.note({"planned": self._next_run})
+        self._prune()
+        self.watch(self.progress)
+
+    def _batch(self, points: Iterable[Point], backend: Backend) -> None:
+        for done in flown(backend, self.work, self._tasks(points)):
+            self._keep(done)
+            self.watch(self.progress)
+
+    def _tasks(self, points: Iterable[Point]) -> Iterator[Task]:
+        """What is still to be flown, each run once, all written down as wanted."""
+        runs = self.plan.runs(self._counted(points), self._next_point)
+        under_way: set[str] = set()
+        while chunk := list(islice(runs, CHUNK)):
+            self.store.ask(enumerate(chunk, self._next_run))
+            for n, run in enumerate(chunk, self._next_run):
+                if run.id in under_way or self.store.has(run.id):
+                    self.progress.done += 1
+                    continue
+                under_way.add(run.id)
+                yield self._task(n, run)
+            self._next_run += len(chunk)
+            self.watch(self.progress)
+
+    def _counted(self, points: Iterable[Point]) -> Iterator[Point]:
+        for point in points:
+            yield point
+            self._next_point += 1
+
+    def _task(self, n: int, run: Run) -> Task:
+        logs = self.plan.study.logs
+        stride = max(1, -(-self.progress.total // logs.sampled)) if logs.sampled else 0
+        return Task(
+            id=run.id,
+            experiment=run.experiment,
+            score=self.plan.study.score,
+            keep_log=bool(stride) and n % stride == stride // 2,
+            keep_failed=self._failures_kept < logs.failed,
+            keep_above=self._threshold(),
+        )
+
+    def _threshold(self) -> float | None:
+        """The score above which a flight may be one of the worst: looked up now and then, it only rises."""
+        wanted = self.plan.study.logs.worst
+        if not wanted:
+            return None
+        if self._worst is None or monotonic() - self._last_worst > 1.0:
+            worst = self.store.worst(wanted)
+            self._worst = worst[-1][1] if len(worst) == wanted else -1.0
+            self._last_worst = monotonic()
+        return self._worst
+
+    def _keep(self, done: Done) -> None:
+        """Store a run that is over."""
+        row, trouble = self._row(done)
+        completed = row["outcome"] == COMPLETED
+        score = row.get(self.plan.study.score) if completed else None
+        if not isinstance(done.result, Trouble) and done.result.log is not None:
+            write_whole(self.out / "logs" / f"{done.task.id}.mcap", done.result.log)
+            self._failures_kept += not completed
+        self.store.add([(row, score, trouble)])
+        self.progress.done += 1
+        self.progress.flown += 1
+        if not completed:
+            failed = self.progress.failed
+            failed[row["outcome"]] = failed.get(row["outcome"], 0) + 1
+
+    def _row(self, done: Done) -> tuple[dict[str, Any], bool]:
+        if isinstance(done.result, Trouble):
+            text = done.result.text + (f", {done.tries} times" if done.tries > 1 else "")
+            return {"id": done.task.id, "outcome": done.result.outcome, "outcome_text": text, "attempts": done.tries}, True
+        return done.result.row | {"attempts": done.tries}, False
+
+    def _prune(self) -> None:
+        """Take away logs of flights that were among the worst for a while only."""
+        logs = self.plan.study.logs
+        stride = max(1, -(-self.plan.study.design.count(self.plan) // logs.sampled)) if logs.sampled else 0
+        keep = {run_id for run_id, _ in self.store.worst(logs.worst)} | set(self.store.failed(2**31))
+        if stride:
+            keep |= self.store.every(stride)
+        for path in (self.out / "logs").glob("*.mcap"):
+            if path.stem not in keep:
+                path.unlink()
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that is either not there or whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(data)
+    part.replace(path)

@@ -1,0 +1,63 @@
+"""The columns of a run's row: how it ended, what it was worth, where and with what it was flown."""
+
+import math
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from functools import cache
+from typing import Any
+
+from heli_twin.experiment import Experiment
+from heli_twin.metrics import metrics
+from heli_twin.recording import Log
+from heli_twin.studies.errors import StudyError
+from heli_twin.studies.measures import measures
+
+COMPLETED = "completed"
+"""The outcome of a flight that did not fail."""
+MEASURED = ("control_step_ms.", "solve_ms.", "deadline_misses", "real_time_factor", "wall_time", "host", "started", "attempts")
+"""Columns that may differ between two flights of the same experiment, by how their names begin."""
+
+
+def columns(log: Log, experiment: Experiment) -> dict[str, Any]:
+    """The row of a flight: its outcome, its metrics by dotted name, its provenance. Plain values, no NaN."""
+    period = experiment.controller.period
+    row = {"outcome": log.outcome, "outcome_text": log.ending.get("text", "")}
+    row |= flat(metrics(log)) | flat(measures(log, period, deadline=period)) | {"outcome": log.outcome}
+    row["flown"] = row.pop("duration", None)
+    row["digest"] = log.digest
+    about = log.metadata
+    row |= {"started": about.get("started", ""), "git_commit": about.get("git_commit", ""), "cpu": about.get("cpu", "")}
+    row |= {key: value for key, value in about.items() if key.startswith("version.") or key in ("python", "platform")}
+    return row
+
+
+def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as one, names joined by dots; numbers that are none become nothing."""
+    row: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            row |= flat(value, f"{prefix}{key}.")
+        else:
+            row[prefix + key] = None if isinstance(value, float) and not math.isfinite(value) else value
+    return row
+
+
+@cache
+def metric_names() -> tuple[str, ...]:
+    """The metrics there are, as a flight that never was has them too."""
+    known = flat(metrics(Log({}))) | flat(measures(Log({})))
+    return tuple(name for name in known if name not in ("outcome", "duration", "settling"))
+
+
+def check_metrics(names: Iterable[str]) -> None:
+    """Refuse metrics that no flight has.
+
+    Raises:
+        StudyError: Suggests the right one.
+    """
+    known = metric_names()
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name, known, n=1, cutoff=0.5)
+            hint = f"did you mean '{near[0]}'? " if near else ""
+            raise StudyError(f"unknown metric '{name}': {hint}Available: {', '.join(known)}")

@@ -1,0 +1,160 @@
+"""From a study to runs: the base, what is compared, the axes; each run an experiment with an id that never changes."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from heli_twin.configuration import Tree, canonical_json, experiment_of, load, parts, put, tree_of
+from heli_twin.experiment import Experiment
+from heli_twin.families import OneOf
+from heli_twin.studies.axes import Axis, axis_of
+from heli_twin.studies.columns import check_metrics
+from heli_twin.studies.designs import Point
+from heli_twin.studies.errors import StudyError
+from heli_twin.studies.study import Study
+
+PHYSICS_VERSION = 1
+"""Part of every run's id. Raise it by hand when the same experiment comes to fly differently: then old results do not
+count as flown any more."""
+
+
+class Alternative(NamedTuple):
+    """One of the things compared."""
+
+    name: str
+    changes: dict[str, Any]
+
+
+class Run(NamedTuple):
+    """One flight of a study."""
+
+    id: str
+    experiment: str
+    """Canonical JSON."""
+    coordinates: dict[str, Any]
+    """What the run is in the study: the first columns of its row."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study that has been checked: what its design makes points of."""
+
+    study: Study
+    base: str
+    """The base experiment, canonical JSON."""
+    alternatives: tuple[Alternative, ...]
+    axes: Mapping[str, Axis]
+    contrast: str
+    """What the alternatives are alternatives of: a path of the experiment, or empty."""
+
+    def runs(self, points: Iterable[Point], first_point: int = 0) -> Iterator[Run]:
+        """The runs of some points: every alternative with every seed."""
+        for number, point in enumerate(points, first_point):
+            for alternative in self.alternatives:
+                if point.alternatives is None or alternative.name in point.alternatives:
+                    yield from self._runs(number, point, alternative)
+
+    def _runs(self, number: int, point: Point, alternative: Alternative) -> Iterator[Run]:
+        tree = self.tree(point, alternative)
+        shown = {path: shown_value(_at(tree, path)) for path in point.changes if path in self.axes}
+        for replicate, seed in enumerate(point.seeds or self.study.seeds):
+            tree["seed"] = seed
+            text = canonical_json(experiment_of(tree))
+            place = {"point": number, "alternative": alternative.name, "replicate": replicate, "seed": seed}
+            yield Run(run_id(text), text, place | shown | point.labels)
+
+    def tree(self, point: Point, alternative: Alternative) -> Tree:
+        """The experiment of a point, without its seed."""
+        tree = json.loads(self.base)
+        for path, value in alternative.changes.items():
+            put(tree, path, value)
+        for path, value in point.changes.items():
+            # A linspace over a horizon gives 12.0 and 13.5.
+            counts = type(_at(tree, path)) is int and isinstance(value, float)
+            put(tree, path, round(value) if counts else value)
+        return tree
+
+
+def plan_of(study: Study) -> Plan:
+    """Check a study as far as can be without flying.
+
+    Raises:
+        HeliTwinError: One sentence: an unknown path, a value out of bounds, an empty axis, a design that the axes do
+            not fit, or far too many runs.
+    """
+    base = _base(study)
+    axes = {path: axis_of(path, written) for path, written in study.axes.items()}
+    alternatives, contrast = _alternatives(study, axes)
+    plan = Plan(study, base, alternatives, {p: a for p, a in axes.items() if p != contrast}, contrast)
+    check_metrics((study.score, *study.metrics))
+    for path in plan.axes:
+        if path == "seed":
+            raise StudyError("the seed is no axis: `replicates` flies every point with the same seeds")
+    study.design.check(plan)
+    runs = study.design.count(plan)
+    if runs > study.max_runs:
+        raise StudyError(
+            f"this study is {runs:,} flights, more than max_runs = {study.max_runs:,}: take fewer values or replicates, "
+            "or raise max_runs"
+        )
+    _check_levels(plan)
+    return plan
+
+
+def _base(study: Study) -> str:
+    """The base experiment, with the study's changes."""
+    changes = dict(study.base)
+    tree = tree_of(load(changes.pop("preset", None)))
+    for path, value in changes.items():
+        put(tree, path, value)
+    return canonical_json(experiment_of(tree))
+
+
+def _alternatives(study: Study, axes: Mapping[str, Axis]) -> tuple[tuple[Alternative, ...], str]:
+    """What is compared: as named, or else the axis over a part of the experiment such as the controller."""
+    if study.alternatives:
+        for name, changes in study.alternatives.items():
+            if not isinstance(changes, dict):
+                raise StudyError(f"alternatives.{name} = {changes!r}: write the changes it stands for as a table")
+        return tuple(Alternative(name, dict(changes)) for name, changes in study.alternatives.items()), ""
+    families = {name for name, part in parts(Experiment).items() if isinstance(part.family, OneOf)}
+    for path, axis in axes.items():
+        if path in families:
+            levels = axis.levels()
+            if not levels:
+                raise StudyError(f"axis '{path}' is a part, not a number: list its kinds")
+            return tuple(Alternative(shown_value(level), {path: level}) for level in levels), path
+    return (Alternative("base", {}),), ""
+
+
+def _check_levels(plan: Plan) -> None:
+    """Every alternative with every value of every axis: no flight may find out that a value is impossible."""
+    for alternative in plan.alternatives:
+        experiment_of(plan.tree(Point({}), alternative))
+        for path, axis in plan.axes.items():
+            for value in axis.levels() or [axis.quantile(0.0), axis.quantile(0.999)]:
+                experiment_of(plan.tree(Point({path: value}), alternative))
+
+
+def _at(tree: Tree, path: str) -> Any:
+    """The value at a dotted path; None where there is none yet."""
+    value: Any = tree
+    for key in path.split("."):
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
+
+
+def shown_value(value: Any) -> Any:
+    """A value as a column shows it: numbers as they are, a table by what it says."""
+    if isinstance(value, dict):
+        kind = value.get("kind", "")
+        rest = [f"{key}={shown_value(inner)}" for key, inner in value.items() if key != "kind"]
+        return " ".join([kind, *rest] if kind else rest)
+    return json.dumps(value) if isinstance(value, list | tuple) else value
+
+
+def run_id(experiment: str) -> str:
+    """The id of a run: a hash of its validated experiment with all defaults and the seed, and the physics version."""
+    return hashlib.sha256(f"{PHYSICS_VERSION}\n{experiment}".encode()).hexdigest()[:16]

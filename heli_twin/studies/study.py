@@ -1,0 +1,153 @@
+"""A study as a value: what is flown, over which axes, compared how, repeated how often. Read from TOML or made in Python."""
+
+import tomllib
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, fields
+from difflib import get_close_matches
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any
+
+from annotated_types import Ge, Gt, Le, MinLen, doc
+
+from heli_twin.configuration import ExperimentError, spec_of
+from heli_twin.families import OneOf, members
+from heli_twin.studies.designs import Design
+from heli_twin.studies.designs.grid import Grid
+from heli_twin.studies.errors import StudyError
+
+Table = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Logs:
+    """Which flights leave their MCAP behind."""
+
+    failed: Annotated[int, Ge(0), doc("of the first so many that failed")] = 50
+    worst: Annotated[int, Ge(0), doc("of so many that completed with the worst score")] = 5
+    sampled: Annotated[int, Ge(0), doc("of so many, evenly spread over the study")] = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A question, and the flights that answer it."""
+
+    name: Annotated[str, MinLen(1), doc("of the folder with the results")] = "study"
+    question: Annotated[str, doc("what it answers, one sentence")] = ""
+    base: Annotated[Table, doc("the experiment that is varied; `preset` names what it starts from")] = field(
+        default_factory=dict
+    )
+    alternatives: Annotated[Table, doc("what is compared: a name, and the changes it stands for")] = field(
+        default_factory=dict
+    )
+    axes: Annotated[Table, doc("what is swept: a dotted path, and its values")] = field(default_factory=dict)
+    design: Annotated[Design, OneOf("heli_twin.studies.designs"), doc("which points of the axes are flown")] = field(
+        default_factory=Grid
+    )
+    replicates: Annotated[int, Ge(1), Le(100_000), doc("flights a point, with the same seeds at every point")] = 1
+    seed: Annotated[int, Ge(0), Le(2**52), doc("the first of the shared seeds; sampling designs draw from it too")] = 0
+    score: Annotated[str, doc("the metric that ranks flights, smaller is better")] = "rmse.position"
+    metrics: Annotated[tuple[str, ...], doc("metrics to compare in the report")] = (
+        "rmse.position",
+        "rmse.x",
+        "rmse.y",
+        "rmse.z",
+        "rmse.yaw",
+        "max_abs_error.position",
+    )
+    penalty: Annotated[float, Gt(0), doc("the score of a flight that failed")] = 2.5
+    logs: Annotated[Logs, doc("which flights leave their MCAP behind")] = field(default_factory=Logs)
+    timeout: Annotated[float, Ge(0), doc("s: a flight that takes longer has hung; 0: 60 s and 5 times its duration")] = 0.0
+    max_runs: Annotated[int, Ge(1), doc("a study with more flights than this is a mistake")] = 100_000
+
+    @property
+    def seeds(self) -> range:
+        """The seeds that every point is flown with: common random numbers."""
+        return range(self.seed, self.seed + self.replicates)
+
+
+def shipped() -> dict[str, Path]:
+    """The studies that come with heli_twin, by name."""
+    folder = Path(str(files("heli_twin.studies") / "library"))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
+    """Read a study and change it.
+
+    Args:
+        source: Name of a shipped study, or path of a TOML file.
+        overrides: Changes, each `field=value`: a field of the study, or a dotted path of its base experiment.
+
+    Raises:
+        HeliTwinError: One sentence that says what is wrong and what would be right.
+    """
+    known = shipped()
+    path = known.get(source, Path(source))
+    if source not in known and path.suffix != ".toml":
+        near = get_close_matches(source, known, n=1, cutoff=0.5)
+        hint = f"did you mean '{near[0]}'? " if near else ""
+        raise StudyError(f"unknown study '{source}': {hint}Available: {', '.join(known)}; a file of your own ends in .toml")
+    try:
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"{path} is not valid TOML: {error}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise StudyError(f"cannot read {path}: {reason}") from None
+    tree.setdefault("name", path.stem)
+    for text in overrides:
+        _override(tree, text)
+    return study_of(tree)
+
+
+def study_of(tree: Table) -> Study:
+    """A study from nested tables, as a TOML file holds them.
+
+    Raises:
+        ExperimentError: Names the field, its value and what it may be.
+    """
+    tree = dict(tree)
+    design = tree.get("design")
+    if isinstance(design, str):
+        tree["design"] = {"kind": design}
+    elif isinstance(design, dict) and "kind" not in design:
+        raise ExperimentError(f"design.kind is missing. Available: {', '.join(members('heli_twin.studies.designs'))}")
+    study = spec_of(Study, tree)
+    if set(study.name) & set('/\\:*?"<>|\0') or study.name in (".", ".."):
+        raise StudyError(f"name = '{study.name}': it names a folder, so write letters, digits, - and _")
+    return study
+
+
+def study_tree(study: Study) -> Table:
+    """A study as nested tables of plain values."""
+    return asdict(study)
+
+
+def _override(tree: Table, text: str) -> None:
+    """Change a study's tables as `field=value` says."""
+    path, equals, written = text.partition("=")
+    if not equals or not path.strip():
+        raise StudyError(f"'{text}' is not an override: write field=value, such as replicates=5 or duration=10")
+    try:
+        value = tomllib.loads(f"v = {written}")["v"]
+    except tomllib.TOMLDecodeError:
+        value = written.strip()
+    first, *rest = path.strip().split(".")
+    if first not in {f.name for f in fields(Study)}:
+        first, rest = "base", [first, *rest]
+    if first in ("axes", "alternatives") and rest:
+        tree.setdefault(first, {})[".".join(rest)] = value
+    else:
+        _set(tree, [first, *rest], value)
+
+
+def _set(tree: Table, keys: list[str], value: Any) -> None:
+    """Set a value in nested tables; `part = "kind"` is short for a table, and another kind starts afresh."""
+    for key in keys[:-1]:
+        inner = tree.get(key, {})
+        tree[key] = dict(inner) if isinstance(inner, dict) else {"kind": inner}
+        tree = tree[key]
+    if keys[-1] == "kind" and tree.get("kind") != value:
+        tree.clear()
+    tree[keys[-1]] = value

@@ -1,0 +1,49 @@
+"""What a worker does: fly one run and bring back its row, and its log if somebody wants to see it."""
+
+import socket
+from time import perf_counter
+from typing import Any, NamedTuple
+
+
+class Task(NamedTuple):
+    """One run to fly."""
+
+    id: str
+    experiment: str
+    """Canonical JSON."""
+    score: str
+    keep_log: bool
+    """Whatever comes of it."""
+    keep_failed: bool
+    keep_above: float | None
+    """If it completes with a greater score; None: not for its score."""
+
+
+class Flown(NamedTuple):
+    """What came of it."""
+
+    row: dict[str, Any]
+    log: bytes | None = None
+    """Its MCAP, if it is to be kept."""
+
+
+def fly_task(task: Task) -> Flown:
+    """Fly a run; a flight that went wrong is a row like any other."""
+    from heli_twin.configuration import ExperimentError, from_json
+    from heli_twin.mission import fly
+    from heli_twin.studies.columns import COMPLETED, columns
+
+    began = perf_counter()
+    about = {"id": task.id, "host": socket.gethostname()}
+    try:
+        experiment = from_json(task.experiment)
+        result = fly(experiment, log_dir=None)
+    except ExperimentError as error:
+        return Flown(about | {"outcome": "refused", "outcome_text": str(error)})
+    row = about | columns(result.log, experiment) | {"real_time_factor": result.real_time_factor}
+    score = row.get(task.score)
+    failed = row["outcome"] != COMPLETED
+    high = not failed and task.keep_above is not None and score is not None and score > task.keep_above
+    keep = task.keep_log or (failed and task.keep_failed) or high
+    row["wall_time"] = perf_counter() - began
+    return Flown(row, result.data if keep else None)

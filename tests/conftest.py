@@ -1,0 +1,38 @@
+from typing import Protocol
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from scipy.optimize import nnls
+
+settings.register_profile("ci", derandomize=True, deadline=None, print_blob=True)
+settings.load_profile("ci")
+
+
+class QpSolver(Protocol):
+    def __call__(self, H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray: ...
+
+
+@pytest.fixture(scope="session")
+def minimiser() -> QpSolver:
+    """A QP solver with nothing in common with the ground station's: exact, and slow."""
+
+    def minimiser(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Minimise 1/2 u'H u + g'u subject to A u <= b, as the least distance problem it is in y = L'u + L^-1 g.
+
+        Source: Lawson, Hanson, Solving Least Squares Problems, chapter 23.
+        """
+        finite = np.isfinite(b)
+        L = np.linalg.cholesky(H)
+        middle = np.linalg.solve(L, g)
+        rows = -np.linalg.solve(L, A[finite].T).T
+        offset = rows @ middle - b[finite]
+        stacked = np.vstack([rows.T, offset])
+        goal = np.append(np.zeros(len(g)), 1.0)
+        multipliers, _ = nnls(stacked, goal, maxiter=100 * len(goal))
+        r = stacked @ multipliers - goal
+        if np.abs(r).max() < 1e-10:
+            raise ValueError("no point satisfies all bounds")
+        return np.linalg.solve(L.T, -r[:-1] / r[-1] - middle)
+
+    return minimiser

@@ -1,0 +1,217 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import block_diag, null_space, solve_discrete_are
+
+from controllers.condensed_qp import Condenser, Limits, Weights, riccati_terminal_weight
+from controllers.ltv import Ltv, discretise, jacobians, linearise
+from controllers.model import Model
+
+PERIOD, K_I = 0.02, 2.0
+MODEL = Model()
+LIMITS = Limits(np.array(MODEL.u_min), np.array(MODEL.u_max), np.array(MODEL.v_max))
+seeds = st.integers(0, 2**32 - 1)
+horizons = st.integers(1, 12)
+
+
+class Problem:
+    """One random instance of (26) and its stage costs, written as they are printed."""
+
+    def __init__(self, seed, steps, speed=0.5):
+        rng = np.random.default_rng(seed)
+        x0 = rng.uniform(-1, 1, 10) * [1, 1, 1, 3, *(speed * LIMITS.v_max), 0.5, 0.5]
+        u = rng.uniform(LIMITS.u_min, LIMITS.u_max, (steps, 4))
+        self.steps = steps
+        self.ltv = linearise(MODEL, K_I, x0, u, rng.uniform(-1, 1, (steps + 1, 2)), PERIOD, "full", "euler")
+        self.x_ref = self.ltv.x_nominal + rng.uniform(-1, 1, (steps + 1, 10))
+        self.u_ref = rng.uniform(LIMITS.u_min, LIMITS.u_max, (steps, 4))
+        root = rng.uniform(-1, 1, (10, 10))
+        self.Q, self.R, self.Qf = np.diag(rng.uniform(0.1, 50, 10)), np.diag(rng.uniform(0.5, 5, 4)), 10 * root.T @ root
+        self.weights = Weights(np.sqrt(np.diag(self.Q)), np.diag(self.R), np.sqrt(10) * root)
+
+    def condensed(self):
+        return Condenser(self.steps, LIMITS)(self.ltv, self.weights, self.x_ref, self.u_ref)
+
+    def states(self, u):
+        x = [self.ltv.x_nominal[0]]
+        for k in range(self.steps):
+            dx, du = x[k] - self.ltv.x_nominal[k], u[k] - self.ltv.u_nominal[k]
+            x.append(self.ltv.x_nominal[k + 1] + self.ltv.A[k] @ dx + self.ltv.B[k] @ du)
+        return np.array(x)
+
+    def cost(self, u):
+        """Half the sum of (26); the measured state's own cost is a constant."""
+        off, du = self.states(u) - self.x_ref, u - self.u_ref
+        stages = sum(off[k] @ self.Q @ off[k] for k in range(self.steps)) + sum(d @ self.R @ d for d in du)
+        return 0.5 * (stages + off[-1] @ self.Qf @ off[-1])
+
+    def dynamics(self):
+        """E z = e for z = (x_1 .. x_N, u_0 .. u_N-1): the equality constraints of (26)."""
+        n, ltv = self.steps, self.ltv
+        E, e = np.zeros((10 * n, 14 * n)), np.zeros(10 * n)
+        for k in range(n):
+            rows = slice(10 * k, 10 * k + 10)
+            E[rows, rows] = np.eye(10)
+            E[rows, 10 * n + 4 * k : 10 * n + 4 * k + 4] = -ltv.B[k]
+            e[rows] = ltv.x_nominal[k + 1] - ltv.A[k] @ ltv.x_nominal[k] - ltv.B[k] @ ltv.u_nominal[k]
+            if k:
+                E[rows, 10 * k - 10 : 10 * k] = -ltv.A[k]
+            else:
+                e[rows] += ltv.A[0] @ ltv.x_nominal[0]
+        return E, e
+
+    def sparse(self):
+        """1/2 z'P z + p'z over the same z."""
+        n = self.steps
+        P = block_diag(*[self.Q] * (n - 1), self.Qf, *[self.R] * n)
+        return P, -P @ np.concatenate([self.x_ref[1:].ravel(), self.u_ref.ravel()])
+
+
+@given(seeds, horizons)
+@settings(max_examples=50)
+def test_along_any_inputs_the_objective_is_the_sum_of_the_stage_costs(seed, steps):
+    problem, rng = Problem(seed, steps), np.random.default_rng(seed)
+    qp = problem.condensed()
+    u, v = rng.uniform(LIMITS.u_min, LIMITS.u_max, (2, steps, 4))
+    objective = [0.5 * w.ravel() @ qp.H @ w.ravel() + qp.g @ w.ravel() for w in (u, v)]
+    costs = [problem.cost(u), problem.cost(v)]
+    # Rounding of sums of a few hundred terms that nearly cancel.
+    assert objective[0] - objective[1] == pytest.approx(costs[0] - costs[1], abs=1e-11 * max(costs))
+
+
+@given(seeds, horizons)
+@settings(max_examples=50)
+def test_without_active_bounds_the_minimiser_is_the_sparse_one(seed, steps):
+    problem = Problem(seed, steps)
+    qp, (P, p), (E, e) = problem.condensed(), problem.sparse(), problem.dynamics()
+    kkt = np.block([[P, E.T], [E, np.zeros((len(E), len(E)))]])
+    z = np.linalg.solve(kkt, np.concatenate([-p, e]))[: 14 * steps]
+    u = np.linalg.solve(qp.H, -qp.g)
+    # The conditions of H and of the KKT matrix are up to 1e5; inputs of up to 100.
+    np.testing.assert_allclose(u, z[10 * steps :], rtol=0, atol=1e-7)
+    states = problem.states(u.reshape(-1, 4))[1:]
+    np.testing.assert_allclose(states.ravel(), z[: 10 * steps], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_with_active_bounds_the_minimiser_is_the_sparse_one(seed, minimiser):
+    problem = Problem(seed, steps := 4, speed=0.99)
+    qp, (P, p), (E, e) = problem.condensed(), problem.sparse(), problem.dynamics()
+    u = minimiser(
+        qp.H,
+        qp.g,
+        np.vstack([qp.C, -qp.C, np.eye(4 * steps), -np.eye(4 * steps)]),
+        np.concatenate([qp.v_high, -qp.v_low, qp.u_high, -qp.u_low]),
+    )
+    free = np.full(10, np.inf)
+    free[4:8] = LIMITS.v_max
+    z_max = np.concatenate([np.tile(free, steps), np.tile(LIMITS.u_max, steps)])
+    z_min = np.concatenate([-np.tile(free, steps), np.tile(LIMITS.u_min, steps)])
+    # Any point of the dynamics and a basis of what they leave free, found without knowing what is a state.
+    point, basis = np.linalg.lstsq(E, e)[0], null_space(E)
+    free_part = minimiser(
+        basis.T @ P @ basis,
+        basis.T @ (P @ point + p),
+        np.vstack([basis, -basis]),
+        np.concatenate([z_max - point, point - z_min]),
+    )
+    z = point + basis @ free_part
+    bounded = np.isclose(u, qp.u_low, rtol=0, atol=1e-9) | np.isclose(u, qp.u_high, rtol=0, atol=1e-9)
+    assert bounded.any()
+    assert not bounded.all()
+    # Conditions of up to 1e5 and distances of up to 1e3 in the least distance problem.
+    np.testing.assert_allclose(u, z[10 * steps :], rtol=0, atol=1e-8)
+
+
+@given(seeds, horizons)
+@settings(max_examples=50)
+def test_its_rows_are_the_predicted_velocities_within_their_limits(seed, steps):
+    problem = Problem(seed, steps)
+    qp = problem.condensed()
+    u = np.random.default_rng(seed).uniform(LIMITS.u_min, LIMITS.u_max, (steps, 4))
+    # States 1 .. N: the measured one has no row.
+    velocities = problem.states(u)[1:, 4:8]
+    # Rounding of velocities up to 25 rad/s.
+    np.testing.assert_allclose(qp.C @ u.ravel() - qp.v_high, (velocities - LIMITS.v_max).ravel(), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(qp.C @ u.ravel() - qp.v_low, (velocities + LIMITS.v_max).ravel(), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(qp.u_low, np.tile(LIMITS.u_min, steps))
+    np.testing.assert_array_equal(qp.u_high, np.tile(LIMITS.u_max, steps))
+
+
+def test_a_measured_state_that_noise_has_put_over_its_limit_leaves_a_solution():
+    x0 = np.array([0, 0, 1, 0, 3.03, 0, 0, 0, 0, 0])
+    u = np.tile([-1.0, 0.0, MODEL.u_hover[2], 0.0], (5, 1))
+    ltv = linearise(MODEL, K_I, x0, u, np.zeros((6, 2)), PERIOD, "removed", "euler")
+    ones = Weights(np.ones(10), np.ones(4), np.eye(10))
+    qp = Condenser(5, LIMITS)(ltv, ones, np.zeros((6, 10)), u)
+    # Full brake takes 0.07 m/s off in the first period.
+    reached = qp.C @ u.ravel()
+    assert (reached <= qp.v_high).all()
+    assert (reached >= qp.v_low).all()
+
+
+@given(seeds, horizons)
+@settings(max_examples=50)
+def test_predict_is_the_linear_model(seed, steps):
+    problem, condenser = Problem(seed, steps), Condenser(steps, LIMITS)
+    condenser(problem.ltv, problem.weights, problem.x_ref, problem.u_ref)
+    u = np.random.default_rng(seed).uniform(LIMITS.u_min, LIMITS.u_max, (steps, 4))
+    # The same products in another order; yaw of up to 10 rad.
+    np.testing.assert_allclose(condenser.predict(problem.ltv, u), problem.states(u), rtol=0, atol=1e-12)
+
+
+@given(st.lists(seeds, min_size=2, max_size=4), horizons)
+@settings(max_examples=30)
+def test_a_condenser_remembers_nothing(problem_seeds, steps):
+    used = Condenser(steps, LIMITS)
+    for seed in problem_seeds:
+        problem = Problem(seed, steps)
+        qp = used(problem.ltv, problem.weights, problem.x_ref, problem.u_ref)
+        for again, fresh in zip(qp, problem.condensed(), strict=True):
+            np.testing.assert_array_equal(again, fresh)
+
+
+@given(seeds, horizons)
+@settings(max_examples=30)
+def test_the_hessian_is_symmetric_and_convex(seed, steps):
+    problem = Problem(seed, steps)
+    H = problem.condensed().H
+    # Solvers read one triangle or both.
+    np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max())
+    # Each input costs its own weight at least; eigenvalues are rounded at 1e-16 of the largest.
+    assert np.linalg.eigvalsh(H).min() >= np.diag(problem.R).min() - 1e-12 * np.abs(H).max()
+
+
+@pytest.mark.parametrize("method", ["euler", "exact"])
+def test_the_riccati_weight_is_the_cost_to_go(method):
+    A, B = jacobians(MODEL, K_I, np.zeros((1, 10)), "removed")
+    A, B = discretise(A, B, PERIOD, method)
+    A, B, Q, R = A[0], B[0], np.diag([50.0, 50, 5, 10, 3, 3, 1, 2, 15, 15]), 2 * np.eye(4)
+    P = riccati_terminal_weight(A, B, Q, R)
+    # Both solvers lose some five digits of a cost-to-go that integrates over a hundred steps.
+    np.testing.assert_allclose(P, solve_discrete_are(A, B, Q, R), rtol=0, atol=1e-9 * np.abs(P).max())
+    np.testing.assert_array_equal(P, P.T)
+    # One more stage changes nothing.
+    K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    one_more = Q + K.T @ R @ K + (A - B @ K).T @ P @ (A - B @ K)
+    np.testing.assert_allclose(one_more, P, rtol=0, atol=1e-10 * np.abs(P).max())
+
+
+def test_what_no_input_can_stop_has_no_riccati_weight():
+    with pytest.raises(ValueError, match="no stabilising solution"), np.errstate(all="ignore"):
+        riccati_terminal_weight(np.eye(10), np.zeros((10, 4)), np.eye(10), np.eye(4))
+
+
+def test_one_step_of_the_plainest_model_by_hand():
+    """x+ = x + u in the first state: minimise 1/2 (x + u - 3)^2 * 4 + 1/2 u^2 * 2 from x = 1."""
+    A, B = np.eye(10)[None], np.zeros((1, 10, 4))
+    B[0, 0, 0] = 1.0
+    x = np.zeros((2, 10))
+    x[:, 0] = 1.0
+    weights = Weights(np.zeros(10), np.full(4, 2.0), 2 * np.eye(10))
+    x_ref = np.zeros((2, 10))
+    x_ref[1, 0] = 3.0
+    qp = Condenser(1, LIMITS)(Ltv(A, B, x, np.zeros((1, 4))), weights, x_ref, np.zeros((1, 4)))
+    np.testing.assert_array_equal(qp.H, np.diag([6.0, 2.0, 2.0, 2.0]))
+    np.testing.assert_array_equal(qp.g, [-8.0, 0.0, 0.0, 0.0])
