@@ -116,9 +116,7 @@ class ExactCameras:
 
 def turned(quat_wxyz: Array, small_angle: Array) -> Array:
     """An attitude (4,) turned by a small body-frame rotation vector (3,), rad."""
-    w, x, y, z = quat_wxyz
-    a, b, c = 0.5 * small_angle
-    q = np.array(
-        [w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a]
-    )
-    return q / sqrt(q @ q)
+    w, x, y, z = quat_wxyz.tolist()
+    a, b, c = (0.5 * small_angle).tolist()
+    q = (w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a)
+    return np.array(q) / sqrt(1.0 + a * a + b * b + c * c)

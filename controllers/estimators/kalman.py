@@ -45,11 +45,15 @@ class KalmanFilter:
         self._spec, self._model = spec, model
         self._delay = round(spec.command_delay * 1e9)
         self._R = np.array([spec.position_noise] * 3 + [spec.yaw_noise]) ** 2
-        # Drag is taken along the world axes here: its share in the covariance of one frame is below 1 %.
-        self._drag = np.array([model.k_x, model.k_y, 0.0, model.k_yaw])
-        self._walk = np.zeros((4, 3))
-        self._walk[:, 1] = np.array([spec.velocity_walk] * 3 + [spec.yaw_rate_walk]) ** 2
-        self._walk[:, 2] = np.array([spec.disturbance_walk] * 3 + [spec.yaw_disturbance_walk]) ** 2
+        # [position, velocity, disturbance]' = rates [...] on each axis. Drag is taken along the world axes here: its
+        # share in the covariance of one frame is below 1 %.
+        self._rates = np.zeros((4, 3, 3))
+        self._rates[:, 0, 1] = self._rates[:, 1, 2] = 1.0
+        self._rates[:, 1, 1] = [model.k_x, model.k_y, 0.0, model.k_yaw]
+        self._curve = 0.5 * self._rates @ self._rates
+        self._walk = np.zeros((4, 3, 3))
+        self._walk[:, 1, 1] = np.array([spec.velocity_walk] * 3 + [spec.yaw_rate_walk]) ** 2
+        self._walk[:, 2, 2] = np.array([spec.disturbance_walk] * 3 + [spec.yaw_disturbance_walk]) ** 2
         self._acting: deque[tuple[int, Input]] = deque([(-(1 << 62), model.u_hover)])
         self._x: State | None = None
         self._d = (0.0, 0.0, 0.0, 0.0)
@@ -132,14 +136,8 @@ class KalmanFilter:
 
     def _spread(self, dt: float) -> Array:
         """The covariances (4, 3, 3), x = [position, velocity, disturbance], `dt` seconds on."""
-        F = np.zeros((4, 3, 3))
-        F[:, [0, 1, 2], [0, 1, 2]] = 1.0
-        F[:, 0, 1] = F[:, 1, 2] = dt
-        F[:, 0, 2] = 0.5 * dt * dt
-        F[:, 1, 1] += self._drag * dt
-        P = F @ self._P @ F.transpose(0, 2, 1)
-        P[:, [0, 1, 2], [0, 1, 2]] += self._walk * dt
-        return P
+        F = np.eye(3) + dt * self._rates + (dt * dt) * self._curve
+        return F @ self._P @ F.transpose(0, 2, 1) + dt * self._walk
 
 
 def heading(quat_wxyz: Array) -> float:

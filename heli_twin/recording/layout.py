@@ -38,8 +38,8 @@ class Scales(NamedTuple):
     """Upper input limits, fractions of full stick."""
     period: float = 0.02
     """Control period, s: the deadline of the solver."""
-    path: Array = np.array([[0.0, 0.0, 1.0]])
-    """(n, 3) where the flight will lead, world, m: what the camera looks at."""
+    path: Array | None = None
+    """(n, 3) where the flight leads, world, m: what the camera looks at."""
 
 
 def layout(scales: Scales) -> rrb.Blueprint:
@@ -89,8 +89,9 @@ def layout(scales: Scales) -> rrb.Blueprint:
     )
 
 
-def _scene(path: Array) -> rrb.Spatial3DView:
-    low, high = path.min(axis=0), path.max(axis=0)
+def _scene(path: Array | None) -> rrb.Spatial3DView:
+    points = np.array([[-0.5, -0.5, 1.0], [0.5, 0.5, 1.0]]) if path is None else path
+    low, high = points.min(axis=0), points.max(axis=0)
     centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.4)
     trail = rrb.VisibleTimeRanges(
         timeline=TIMELINE,

@@ -32,6 +32,8 @@ WIND_ARROW = 0.1
 ROTOR_RATE = 1.7
 """How fast the drawn rotors turn, rev/s: slow enough to see which way."""
 
+_LOGGER = logging.getLogger(__name__)
+
 Rows = tuple[str, Times, Iterable[rr.ComponentColumn]]
 """Entity, times (n,) and columns of n rows."""
 
@@ -53,6 +55,8 @@ def show(log: Log, sink: Sink, scales: Scales) -> None:
     Raises:
         LogError: No viewer listens, or the file cannot be written.
     """
+    if scales.path is None and log.reference_paths:
+        scales = scales._replace(path=log.reference_paths[0][1])
     stream = _open(sink, scales)
     if stream is None:
         raise LogError(f"no viewer listens on port {sink.port}: start one with `rerun --port {sink.port}`")
@@ -61,9 +65,17 @@ def show(log: Log, sink: Sink, scales: Scales) -> None:
 
 
 class Live:
-    """A listener of the recorder that shows the flight while it lasts, slice by slice."""
+    """A listener of the recorder that shows the flight while it lasts, slice by slice.
+
+    Whatever goes wrong with the picture is told once, and the flight goes on.
+    """
 
     def __init__(self, sink: Sink, scales: Scales) -> None:
+        """Open the pictures; without a viewer there are none.
+
+        Raises:
+            LogError: The file cannot be written.
+        """
         self._scales = scales
         self._stream = _open(sink, scales)
         self._slice: dict[str, tuple[list[int], list[bytes]]] = {}
@@ -86,8 +98,13 @@ class Live:
 
     def _send(self) -> None:
         taken, self._slice = self._slice, {}
-        if self._stream is not None:
+        if self._stream is None:
+            return
+        try:
             send(self._stream, Log({topic: Messages(*columns) for topic, columns in taken.items()}), self._scales)
+        except Exception:
+            _LOGGER.exception("the flight goes on without its picture")
+            self._stream = None
 
 
 def send(stream: rr.RecordingStream, log: Log, scales: Scales) -> None:
@@ -189,16 +206,18 @@ def _scalars(values: Array) -> rr.ComponentColumnList:
 
 def _open(sink: Sink, scales: Scales) -> rr.RecordingStream | None:
     """A stream to all of the sink that is there; None if nothing is."""
-    sinks = []
+    sinks: list[rr.FileSink | rr.GrpcSink] = []
     if sink.file is not None:
-        sink.file.parent.mkdir(parents=True, exist_ok=True)
         sinks.append(rr.FileSink(str(sink.file)))
     if sink.port is not None and (_listens(sink.port) or (sink.spawn and _spawn(sink.port))):
         sinks.append(rr.GrpcSink(f"rerun+http://{HOST}:{sink.port}/proxy"))
     if not sinks:
         return None
     stream = rr.RecordingStream(APPLICATION)
-    stream.set_sinks(*sinks, default_blueprint=layout(scales))
+    try:
+        stream.set_sinks(*sinks, default_blueprint=layout(scales))
+    except RuntimeError as error:
+        raise LogError(f"pictures cannot be written to {sink.file}: {error}") from error
     send_static(stream)
     return stream
 
@@ -228,5 +247,5 @@ def _close(stream: rr.RecordingStream) -> None:
     try:
         stream.flush(timeout_sec=5)
     except RuntimeError as error:
-        logging.getLogger(__name__).warning("the viewer is gone, its picture is incomplete: %s", error)
+        _LOGGER.warning("the viewer is gone, its picture is incomplete: %s", error)
     stream.disconnect()

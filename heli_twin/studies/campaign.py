@@ -1,14 +1,15 @@
 """Running a study: what is new is flown, what comes back is stored at once, what is worth keeping is kept."""
 
+import json
 import os
 import platform
 import socket
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from heapq import heappop, heappush
 from itertools import islice
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 from heli_twin.studies.columns import COMPLETED
@@ -62,7 +63,7 @@ def run_study(
     Raises:
         HeliTwinError: The study is wrong, or the folder is in use; nothing has been flown.
     """
-    from heli_twin.studies.results import write_parquet
+    from heli_twin.studies.results import RESULTS, write_parquet
 
     plan = plan_of(study)
     with Store(out, write=True) as store:
@@ -72,8 +73,8 @@ def run_study(
             store.forget_troubles()
         with (backend or embedded)(plan, time_allowed(plan)) as fleet:
             campaign.run(fleet)
+        write_parquet(store, out / RESULTS)
         store.note({"finished": datetime.now(UTC).isoformat()})
-        write_parquet(store, out / "results.parquet")
     return campaign.progress
 
 
@@ -86,11 +87,7 @@ def embedded(plan: Plan, timeout: float, processes: int | None = None) -> Backen
 
 def time_allowed(plan: Plan) -> float:
     """How long a flight may take before it counts as hung, s."""
-    if plan.study.timeout:
-        return plan.study.timeout
-    import json
-
-    return 60 + 5 * json.loads(plan.base)["duration"]
+    return plan.study.timeout or 60 + 5 * json.loads(plan.base)["duration"]
 
 
 class Campaign:
@@ -102,8 +99,8 @@ class Campaign:
         self.plan, self.store, self.out, self.work, self.watch = plan, store, out, work, watch
         self.progress = Progress(plan.study.design.count(plan))
         self._next_run = self._next_point = 0
-        self._last_worst = monotonic()
-        self._worst: float | None = None
+        self._worst: list[float] = []
+        """The worst scores of this launch, as a heap: the least of them on top."""
         self._failures_kept = 0
 
     def about(self) -> dict[str, Any]:
@@ -177,15 +174,11 @@ class Campaign:
         )
 
     def _threshold(self) -> float | None:
-        """The score above which a flight may be one of the worst: looked up now and then, it only rises."""
+        """The score above which a flight may be one of the worst: it only rises."""
         wanted = self.plan.study.logs.worst
         if not wanted:
             return None
-        if self._worst is None or monotonic() - self._last_worst > 1.0:
-            worst = self.store.worst(wanted)
-            self._worst = worst[-1][1] if len(worst) == wanted else -1.0
-            self._last_worst = monotonic()
-        return self._worst
+        return self._worst[0] if len(self._worst) == wanted else -1.0
 
     def _keep(self, done: Done) -> None:
         """Store a run that is over."""
@@ -195,6 +188,10 @@ class Campaign:
         if not isinstance(done.result, Trouble) and done.result.log is not None:
             write_whole(self.out / "logs" / f"{done.task.id}.mcap", done.result.log)
             self._failures_kept += not completed
+        if score is not None:
+            heappush(self._worst, score)
+            if len(self._worst) > self.plan.study.logs.worst:
+                heappop(self._worst)
         self.store.add([(row, score, trouble)])
         self.progress.done += 1
         self.progress.flown += 1

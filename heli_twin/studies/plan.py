@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from heli_twin.configuration import Tree, canonical_json, experiment_of, load, parts, put, tree_of
+from heli_twin.configuration import Tree, canonical_json, experiment_of, load, parts, put
 from heli_twin.experiment import Experiment
 from heli_twin.families import OneOf
 from heli_twin.studies.axes import Axis, axis_of
@@ -35,6 +35,8 @@ class Run(NamedTuple):
     """Canonical JSON."""
     coordinates: dict[str, Any]
     """What the run is in the study: the first columns of its row."""
+    changes: dict[str, Any]
+    """From the base experiment to this one: values by dotted path."""
 
 
 @dataclass(frozen=True)
@@ -57,24 +59,30 @@ class Plan:
                     yield from self._runs(number, point, alternative)
 
     def _runs(self, number: int, point: Point, alternative: Alternative) -> Iterator[Run]:
-        tree = self.tree(point, alternative)
-        shown = {path: shown_value(_at(tree, path)) for path in point.changes if path in self.axes}
+        changes = alternative.changes | point.changes
+        tree = varied(self.base, changes)
+        shown: dict[str, Any] = {self.contrast: alternative.name} if self.contrast else {}
+        shown |= {path: shown_value(_at(tree, path)) for path in point.changes if path in self.axes}
         for replicate, seed in enumerate(point.seeds or self.study.seeds):
             tree["seed"] = seed
             text = canonical_json(experiment_of(tree))
             place = {"point": number, "alternative": alternative.name, "replicate": replicate, "seed": seed}
-            yield Run(run_id(text), text, place | shown | point.labels)
+            yield Run(run_id(text), text, place | shown | point.labels, changes | {"seed": seed})
 
-    def tree(self, point: Point, alternative: Alternative) -> Tree:
-        """The experiment of a point, without its seed."""
-        tree = json.loads(self.base)
-        for path, value in alternative.changes.items():
-            put(tree, path, value)
-        for path, value in point.changes.items():
-            # A linspace over a horizon gives 12.0 and 13.5.
-            counts = type(_at(tree, path)) is int and isinstance(value, float)
-            put(tree, path, round(value) if counts else value)
-        return tree
+
+def varied(base: str, changes: Mapping[str, Any]) -> Tree:
+    """An experiment with some fields changed, one after the other.
+
+    Args:
+        base: Canonical JSON.
+        changes: Values by dotted path.
+    """
+    tree = json.loads(base)
+    for path, value in changes.items():
+        # A linspace over a horizon gives 12.0 and 13.5.
+        counts = type(_at(tree, path)) is int and isinstance(value, float)
+        put(tree, path, round(value) if counts else value)
+    return tree
 
 
 def plan_of(study: Study) -> Plan:
@@ -106,10 +114,8 @@ def plan_of(study: Study) -> Plan:
 def _base(study: Study) -> str:
     """The base experiment, with the study's changes."""
     changes = dict(study.base)
-    tree = tree_of(load(changes.pop("preset", None)))
-    for path, value in changes.items():
-        put(tree, path, value)
-    return canonical_json(experiment_of(tree))
+    start = canonical_json(load(changes.pop("preset", None)))
+    return canonical_json(experiment_of(varied(start, changes)))
 
 
 def _alternatives(study: Study, axes: Mapping[str, Axis]) -> tuple[tuple[Alternative, ...], str]:
@@ -132,10 +138,10 @@ def _alternatives(study: Study, axes: Mapping[str, Axis]) -> tuple[tuple[Alterna
 def _check_levels(plan: Plan) -> None:
     """Every alternative with every value of every axis: no flight may find out that a value is impossible."""
     for alternative in plan.alternatives:
-        experiment_of(plan.tree(Point({}), alternative))
+        experiment_of(varied(plan.base, alternative.changes))
         for path, axis in plan.axes.items():
             for value in axis.levels() or [axis.quantile(0.0), axis.quantile(0.999)]:
-                experiment_of(plan.tree(Point({path: value}), alternative))
+                experiment_of(varied(plan.base, alternative.changes | {path: value}))
 
 
 def _at(tree: Tree, path: str) -> Any:

@@ -12,6 +12,7 @@ from heli_twin.studies.store import Store
 if TYPE_CHECKING:
     import pyarrow as pa
 
+RESULTS = "results.parquet"
 ROWS_A_GROUP = 50_000
 TEXTS = ("id", "outcome", "outcome_text", "alternative")
 """Columns that are text even where every row lacks them."""
@@ -66,11 +67,10 @@ def read_results(folder: Path, columns: list[str] | None = None) -> "pa.Table":
     """
     import pyarrow.parquet as pq
 
-    path = folder / "results.parquet"
+    path = folder / RESULTS
     with Store(folder) as store:
-        if not path.exists() or path.stat().st_mtime < store.path.stat().st_mtime:
-            rows = next(store.rows(), None)
-            if rows is None:
+        if not path.exists() or "finished" not in store.about():
+            if next(store.lines(), None) is None:
                 raise StudyError(f"no flight of {folder} is over yet: run the study first")
             path = folder / "results-so-far.parquet"
             write_parquet(store, path)

@@ -14,9 +14,10 @@ from heli_twin.studies.plan import Run
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
 CREATE TABLE IF NOT EXISTS flights (id TEXT PRIMARY KEY, outcome TEXT, score REAL, trouble INTEGER, row TEXT);
-CREATE TABLE IF NOT EXISTS runs (n INTEGER PRIMARY KEY, id TEXT, coordinates TEXT);
+CREATE INDEX IF NOT EXISTS scores ON flights (score);
+CREATE TABLE IF NOT EXISTS runs (n INTEGER PRIMARY KEY, id TEXT, coordinates TEXT, changes TEXT);
+CREATE INDEX IF NOT EXISTS ids ON runs (id);
 """
-BATCH = 10_000
 
 
 class Store:
@@ -54,8 +55,9 @@ class Store:
 
     def ask(self, runs: Iterable[tuple[int, Run]]) -> None:
         """Write down numbered runs that the study wants."""
-        rows = ((n, run.id, json.dumps(run.coordinates)) for n, run in runs)
-        self._db.executemany("REPLACE INTO runs VALUES (?, ?, ?)", rows)
+        rows = ((n, run.id, json.dumps(run.coordinates), json.dumps(run.changes)) for n, run in runs)
+        with self._transaction():
+            self._db.executemany("REPLACE INTO runs VALUES (?, ?, ?, ?)", rows)
 
     def add(self, rows: Iterable[tuple[Mapping[str, Any], float | None, bool]]) -> None:
         """Store flights in one transaction: the row, its score if it completed, whether it brought no row back."""
@@ -100,10 +102,15 @@ class Store:
         return {found for (found,) in self._db.execute(query, (stride, stride // 2))}
 
     def find(self, start: str) -> tuple[str, dict[str, Any]] | None:
-        """The run whose id begins so: its id and coordinates."""
-        query = "SELECT id, coordinates FROM runs WHERE substr(id, 1, ?) = ? LIMIT 1"
+        """The run whose id begins so: its id and its changes of the base."""
+        query = "SELECT id, changes FROM runs WHERE substr(id, 1, ?) = ? LIMIT 1"
         found = self._db.execute(query, (len(start), start)).fetchone()
         return (found[0], json.loads(found[1])) if found else None
+
+    def row(self, run_id: str) -> dict[str, Any]:
+        """The row of one flown run."""
+        (n,) = self._db.execute("SELECT min(n) FROM runs WHERE id = ?", (run_id,)).fetchone()
+        return next(self.rows(n, n))
 
     def rows(self, first: int = 0, last: int = 2**62) -> Iterator[dict[str, Any]]:
         """Rows of the runs numbered first to last that have been flown: coordinates, then the flight."""

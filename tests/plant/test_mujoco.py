@@ -263,7 +263,7 @@ def test_an_input_acts_after_exactly_the_delay(step, steps):
 def test_a_lag_is_first_order():
     truth = held([0.2, 0.2, 0.2, 0.2], 0.032)
     # 30 ms after the 2 ms of delay, at the new value in the sampled sense: exact for a held input.
-    expected = HOVER + 0.2 * (1 - np.exp(-0.030 / np.array([0.03, 0.03, 0.06, 0.02])))
+    expected = HOVER + 0.2 * (1 - np.exp(-0.030 / np.array([0.03, 0.03, 0.06, 0.005])))
     np.testing.assert_allclose(truth.actuators, expected, atol=1e-12)
 
 

@@ -1,5 +1,6 @@
 """A flight that nobody flew: a circle with plausible wires, for the tests of the recorder."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -9,6 +10,7 @@ import pytest
 from controllers.signals import Command, Estimate, Plan, Pose, QpReport, Reference
 from heli_twin.plant import Air, Truth, physical_state
 from heli_twin.recording import Recorder
+from heli_twin.recording.writer import Listener
 
 MILLISECOND = 1_000_000
 PERIOD = 20 * MILLISECOND
@@ -89,6 +91,7 @@ class Record(Protocol):
         seed: int = 1,
         compute_ns: int = 1,
         started: str = "now",
+        listeners: Sequence[Listener] = (),
     ) -> Recorder: ...
 
 
@@ -97,9 +100,15 @@ def record() -> Record:
     """A function that records a whole flight and closes the log."""
 
     def record(
-        path: Path | None = None, *, seconds: float = 2.0, seed: int = 1, compute_ns: int = 1, started: str = "now"
+        path: Path | None = None,
+        *,
+        seconds: float = 2.0,
+        seed: int = 1,
+        compute_ns: int = 1,
+        started: str = "now",
+        listeners: Sequence[Listener] = (),
     ) -> Recorder:
-        recorder = Recorder(path, experiment=EXPERIMENT, metadata={"started": started})
+        recorder = Recorder(path, experiment=EXPERIMENT, metadata={"started": started}, listeners=listeners)
         fly(recorder, seconds, seed, compute_ns)
         recorder.close("landed", round(seconds * 1e9))
         return recorder

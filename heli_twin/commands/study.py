@@ -1,0 +1,227 @@
+"""`heli-twin study`: fly many experiments and learn where and how the controller breaks."""
+
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heli_twin.commands import command
+
+if TYPE_CHECKING:
+    from heli_twin.studies.campaign import Progress as Count
+    from heli_twin.studies.study import Study
+
+STUDIES = Path("logs/studies")
+"""Where results go by default, one folder a study."""
+
+
+def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command and its own subcommands."""
+    parser = subparsers.add_parser(
+        "study",
+        help="fly many experiments, on all cores or a cluster, and report",
+        description="Fly many experiments and learn where and how the controller breaks.",
+        allow_abbrev=False,
+    )
+    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    _add_run(actions)
+    folder = ("a study's folder, its file, or the name of a shipped study",)
+    for name, run, summary, example in (
+        ("status", status, "how far a study is", "  heli-twin study status ladder\n"),
+        ("report", report, "write report.html and the figures", "  heli-twin study report ladder\n"),
+        ("worst", worst, "the worst runs, each with the command that flies it again", "  heli-twin study worst ladder -n 3\n"),
+    ):
+        sub = command(actions, name, run, summary, f"Say {summary}." if name == "status" else summary, example)
+        sub.add_argument("study", help=folder[0])
+        if name == "worst":
+            sub.add_argument("-n", type=int, default=10, metavar="N", help="how many (default 10)")
+    fly = command(actions, "fly", refly, "fly one run again", "Fly one run again, by the id in a report.", REFLY)
+    fly.add_argument("study", help=folder[0])
+    fly.add_argument("id", help="the run's id, or how it begins")
+    command(actions, "list", listing, "the studies that come with heli_twin", "List them.", "  heli-twin study list")
+
+
+def _add_run(actions: "_SubParsersAction[ArgumentParser]") -> None:
+    run = command(actions, "run", run_, "fly a study; run it again to go on", "Fly a study. Ctrl-C stops it; run it again to go on.", RUN)
+    run.add_argument("study", metavar="FILE", help="a study file, or the name of a shipped study")
+    run.add_argument("overrides", nargs="*", metavar="field=value", help="changes of the study, or of its base experiment")
+    run.add_argument("--out", type=Path, metavar="DIR", help=f"where results go (default {STUDIES}/NAME)")
+    run.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default one a core)")
+    run.add_argument("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster: tcp://HOST:8786, or a scheduler file")
+    run.add_argument("--again", action="store_true", help="fly the runs again that were killed, hung or raised")
+    run.add_argument("--no-report", action="store_true", help="write no report at the end")
+
+
+RUN = (
+    "  heli-twin study run ladder\n"
+    "  heli-twin study run thrust_gain replicates=3 duration=10\n"
+    "  heli-twin study run mine.toml --out results/mine --workers 4\n"
+    "  heli-twin study run mine.toml --scheduler tcp://head:8786\n"
+)
+REFLY = "  heli-twin study fly ladder 3f2a91\n"
+
+
+def run_(parsed: Namespace) -> int:
+    """Fly a study; 0 when every flight brought a row back, 1 when some did not."""
+    from heli_twin.studies.campaign import run_study
+    from heli_twin.studies.errors import StudyError
+    from heli_twin.studies.study import load_study
+
+    if parsed.workers is not None and parsed.workers < 1:
+        raise StudyError(f"--workers {parsed.workers}: give 1 or more")
+    study = load_study(parsed.study, parsed.overrides)
+    out = parsed.out or STUDIES / study.name
+    try:
+        with Watch(study) as watch:
+            count = run_study(study, out, backend=_backend(parsed), watch=watch, again=parsed.again)
+    except KeyboardInterrupt:
+        print(f"stopped; what was flown is kept in {out}: the same command goes on")
+        raise
+    print(_summary(count, out))
+    if not parsed.no_report:
+        from heli_twin.studies.report import write_report
+
+        print(f"report {write_report(out)}")
+    return 1 if {"killed", "hung", "error"} & count.failed.keys() else 0
+
+
+def _backend(parsed: Namespace) -> Callable[..., Any]:
+    if parsed.scheduler:
+        from heli_twin.studies.dask_cluster import DaskCluster
+
+        return lambda plan, timeout: DaskCluster(parsed.scheduler, timeout)
+    from heli_twin.studies.campaign import embedded
+
+    return lambda plan, timeout: embedded(plan, timeout, parsed.workers)
+
+
+def _summary(count: "Count", out: Path) -> str:
+    kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(count.failed.items()))
+    return f"{count.done} runs, {count.flown} of them flown now{f' ({kinds})' if kinds else ''}; results in {out}"
+
+
+class Watch:
+    """Progress for a person: a bar on a terminal, else a line now and then."""
+
+    def __init__(self, study: "Study") -> None:
+        import sys
+
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._terminal = sys.stderr.isatty()
+        self._bar = Progress(
+            TextColumn(f"[bold]{study.name}[/]"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(compact=True),
+            TextColumn("{task.fields[failed]}"),
+            console=Console(stderr=True),
+            disable=not self._terminal,
+        )
+        self._task = self._bar.add_task("", total=None, rate="", failed="")
+        self._began: float | None = None
+        self._said = 0.0
+
+    def __call__(self, count: "Count") -> None:
+        """Show how far it is."""
+        from time import monotonic
+
+        now = monotonic()
+        self._began = now if self._began is None else self._began
+        rate = count.flown / max(now - self._began, 1e-3)
+        failed = ", ".join(f"{number} {kind}" for kind, number in sorted(count.failed.items()))
+        self._bar.update(
+            self._task, total=count.total, completed=count.done, rate=f"{rate:.1f}/s" if count.flown else "", failed=failed
+        )
+        if not self._terminal and now - self._said > SILENCE and count.flown:
+            import sys
+
+            self._said = now
+            left = (count.total - count.done) / max(rate, 1e-9)
+            print(f"{count.done} of {count.total}, {rate:.1f}/s, {left:.0f} s left {failed}", file=sys.stderr, flush=True)
+
+    def __enter__(self) -> "Watch":
+        self._bar.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._bar.stop()
+
+
+SILENCE = 10.0
+"""s: between two lines of progress where there is no terminal."""
+
+
+def folder_of(name: str) -> Path:
+    """The folder of a study that is named by its folder, its file or its shipped name.
+
+    Raises:
+        HeliTwinError: There is none.
+    """
+    from heli_twin.studies.store import Store
+    from heli_twin.studies.study import load_study
+
+    folder = Path(name)
+    if not folder.is_dir():
+        folder = STUDIES / name if (STUDIES / name).is_dir() else STUDIES / load_study(name).name
+    Store(folder).close()
+    return folder
+
+
+def status(parsed: Namespace) -> int:
+    """Print how far a study is."""
+    from heli_twin.studies.store import Store
+
+    folder = folder_of(parsed.study)
+    with Store(folder) as store:
+        about, outcomes = store.about(), store.outcomes()
+    done, planned = outcomes.total(), about.get("planned", 0)
+    print(f"{about['study']['name']}: {done} of {planned} runs" + ("" if "finished" in about else ", not finished"))
+    for outcome, number in outcomes.most_common():
+        print(f"  {number:>7} {outcome}")
+    print(f"launched {about['launched']} on {about['host']}, results in {folder}")
+    return 0
+
+
+def report(parsed: Namespace) -> int:
+    """Write the report of a study."""
+    from heli_twin.studies.report import write_report
+
+    print(f"report {write_report(folder_of(parsed.study))}")
+    return 0
+
+
+def worst(parsed: Namespace) -> int:
+    """Print the worst runs: those that failed, then those with the worst score."""
+    from heli_twin.studies.worst import worst_runs
+
+    folder = folder_of(parsed.study)
+    for run in worst_runs(folder, parsed.n):
+        print(f"{run.id}  {run.what}\n    {run.command}")
+    return 0
+
+
+def refly(parsed: Namespace) -> int:
+    """Fly one run again and keep its log in the study's folder."""
+    from heli_twin.commands.fly import show
+    from heli_twin.configuration import from_json
+    from heli_twin.mission import fly
+    from heli_twin.studies.worst import experiment_by_id
+
+    folder = folder_of(parsed.study)
+    result = fly(from_json(experiment_by_id(folder, parsed.id)), log_dir=folder / "reflown")
+    show(result.summary())
+    return 0 if result.outcome.kind == "completed" else 1
+
+
+def listing(parsed: Namespace) -> int:
+    """Print the shipped studies."""
+    from heli_twin.studies.plan import plan_of
+    from heli_twin.studies.study import load_study, shipped
+
+    for name in shipped():
+        study = load_study(name)
+        print(f"{name:<24} {study.design.kind:<16} {study.design.count(plan_of(study)):>6} runs  {study.question}")
+    return 0

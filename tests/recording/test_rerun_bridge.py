@@ -1,0 +1,128 @@
+"""Pictures: the same live and replayed, and never in the way of a flight."""
+
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controllers.signals import Pose
+from heli_twin.recording import Log, LogError, Recorder
+from heli_twin.recording.layout import Scales
+from heli_twin.recording.rerun_bridge import Live, Sink, show
+
+Record = Callable[..., Recorder]
+
+RERUN = Path(sys.executable).with_name("rerun")
+SCALES = Scales(path=np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 1.0]]))
+
+
+@pytest.fixture
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def rerun(*arguments: object) -> None:
+    run = subprocess.run([RERUN, *map(str, arguments)], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_live_equals_replay(record: Record, tmp_path: Path) -> None:
+    live = Live(Sink(tmp_path / "live.rrd"), SCALES)
+    recorder = record(seconds=2.3, listeners=[live])
+    live.close()
+    show(recorder.log(), Sink(tmp_path / "replay.rrd"), SCALES)
+    for name in ("live", "replay"):
+        rerun("rrd", "optimize", tmp_path / f"{name}.rrd", "-o", tmp_path / f"{name}.whole.rrd")
+    rerun("rrd", "compare", "--unordered", tmp_path / "live.whole.rrd", tmp_path / "replay.whole.rrd")
+
+
+def test_the_file_is_whole(record: Record, tmp_path: Path) -> None:
+    show(record(seconds=0.5).log(), Sink(tmp_path / "run.rrd"), SCALES)
+    rerun("rrd", "verify", tmp_path / "run.rrd")
+
+
+@pytest.mark.parametrize("wires", [{}, {"pose": (0, Pose(0, np.zeros(3), np.zeros(4)))}])
+def test_a_flight_with_silent_wires_is_shown(wires: dict[str, tuple], tmp_path: Path) -> None:
+    with Recorder() as recorder:
+        for wire, arguments in wires.items():
+            getattr(recorder, wire)(*arguments)
+    show(recorder.log(), Sink(tmp_path / "run.rrd"), SCALES)
+    rerun("rrd", "verify", tmp_path / "run.rrd")
+
+
+def test_a_missing_viewer_does_not_stop_the_flight(record: Record, free_port: int) -> None:
+    live = Live(Sink(port=free_port), SCALES)
+    record(seconds=1.2, listeners=[live])
+    live.close()
+
+
+def test_a_viewer_that_dies_does_not_stop_the_flight(record: Record, free_port: int) -> None:
+    viewer = subprocess.Popen(
+        [RERUN, "--serve-grpc", "--bind", "127.0.0.1", "--port", str(free_port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        _wait_for(free_port)
+        live = Live(Sink(port=free_port), SCALES)
+        record(seconds=0.8, listeners=[live])
+    finally:
+        viewer.kill()
+        viewer.wait()
+    record(seconds=1.2, listeners=[live])
+    live.close()
+
+
+def _wait_for(port: int) -> None:
+    for _ in range(200):
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=0.1).close()
+        except OSError:
+            continue
+        return
+
+
+def test_a_picture_that_cannot_be_drawn_is_told_and_the_flight_goes_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    live = Live(Sink(tmp_path / "run.rrd"), SCALES)
+    live("/truth", 0, b"not a truth")
+    live("/truth", 600_000_000, b"not a truth")
+    live("/truth", 1_200_000_000, b"not a truth")
+    live.close()
+    assert [record.getMessage() for record in caplog.records] == ["the flight goes on without its picture"]
+
+
+def test_showing_without_a_viewer_says_how_to_start_one(free_port: int) -> None:
+    with pytest.raises(LogError, match=f"no viewer listens on port {free_port}: start one with"):
+        show(Log({}), Sink(port=free_port), SCALES)
+
+
+def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="cannot be written to"):
+        Live(Sink(tmp_path), SCALES)
+
+
+def test_flying_does_not_import_rerun() -> None:
+    code = "import sys, heli_twin.recording; sys.exit('rerun' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, env={"PYTHONPATH": ":".join(sys.path)})
+
+
+def test_rerun_decodes_every_message_for_viewers(record: Record, tmp_path: Path) -> None:
+    record(tmp_path / "run.mcap", seconds=0.5)
+    convert = subprocess.run(
+        [RERUN, "mcap", "convert", tmp_path / "run.mcap", "-o", tmp_path / "run.rrd"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    said = convert.stdout + convert.stderr
+    assert convert.returncode == 0, said
+    assert "Failed" not in said
+    assert "ERROR" not in said
