@@ -21,9 +21,9 @@ class Solution(NamedTuple):
     slack: float
     """Largest excess over a velocity bound, m/s or rad/s; 0 unless softened."""
     iterations: int
-    """Outer iterations, both attempts together."""
+    """Newton iterations, both attempts together."""
     active_bounds: int
-    """Multipliers that are not zero."""
+    """Multipliers above rounding."""
     objective: float
     """1/2 u'H u + g'u, and the penalty of the softening."""
 
@@ -109,6 +109,10 @@ def _out_of_reach(qp: CondensedQp) -> bool:
     return bool((middle - reach > qp.v_high[:4]).any() or (middle + reach < qp.v_low[:4]).any())
 
 
+ROUNDING = 1e-9
+"""What ProxQP leaves of the multiplier of a bound that does not hold with equality."""
+
+
 class _Solver:
     """One ProxQP object of fixed size."""
 
@@ -143,7 +147,7 @@ class _Solver:
 
     @property
     def iterations(self) -> int:
-        """Outer iterations of the last solve."""
+        """Newton iterations of the last solve."""
         return self._qp.results.info.iter
 
     def solution(self, qp: CondensedQp, softened: bool, slack: float, iterations: int) -> Solution:
@@ -151,5 +155,5 @@ class _Solver:
         results = self._qp.results
         # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
         u = np.minimum(np.maximum(results.x[: len(qp.g)], qp.u_low), qp.u_high)
-        active = int(np.count_nonzero(results.z))
+        active = int(np.count_nonzero(np.abs(results.z) > ROUNDING))
         return Solution(u, softened, slack, iterations + results.info.iter, active, results.info.objValue)

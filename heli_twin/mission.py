@@ -4,13 +4,14 @@ import os
 import platform
 import subprocess
 from collections.abc import Callable
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from io import BytesIO
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,8 +23,12 @@ from heli_twin.configuration import ExperimentError, canonical_json, experiment_
 from heli_twin.experiment import Experiment
 from heli_twin.flight import Flight, Outcome
 from heli_twin.metrics import metrics
+from heli_twin.pictures import planned_path
 from heli_twin.plant import Plant
 from heli_twin.recording import Attachment, Log, Recorder, read_log
+
+if TYPE_CHECKING:
+    from heli_twin.recording.rerun_bridge import Live
 
 PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
 """Their versions stand in every log."""
@@ -77,17 +82,17 @@ def fly(
     """
     experiment = checked(experiment)
     path = _new_path(Path(log_dir), experiment) if log_dir is not None else None
-    try:
-        plant = _start(experiment)
-    except ValueError as error:
-        raise ExperimentError(f"plant: {error}") from None
+    plant = _start(experiment)
+    pictures = _pictures(experiment, rerun)
     recorder = Recorder(
         path,
         experiment=canonical_json(experiment),
         metadata=provenance(),
         attachments=_attachments(experiment, plant.description()),
+        listeners=[pictures] if pictures else [],
     )
-    with recorder:
+    with recorder, closing(pictures) if pictures else nullcontext():
+        recorder.reference_path(0, planned_path(experiment))
         began = perf_counter()
         outcome = Flight(experiment, plant, recorder, progress).run()
         took = perf_counter() - began
@@ -124,6 +129,16 @@ def _start(experiment: Experiment) -> Plant:
         return experiment.plant.start(state(experiment.trajectory.flat(np.zeros(1)))[0])
     except ValueError as error:
         raise ExperimentError(f"the flight cannot start: {error}") from None
+
+
+def _pictures(experiment: Experiment, rerun: str | None) -> "Live | None":
+    """A viewer that follows the flight; Rerun is imported only now."""
+    if rerun is None:
+        return None
+    from heli_twin.pictures import scales, sink
+    from heli_twin.recording.rerun_bridge import Live
+
+    return Live(sink(rerun), scales(experiment))
 
 
 def _new_path(folder: Path, experiment: Experiment) -> Path:

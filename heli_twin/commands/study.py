@@ -1,8 +1,10 @@
 """`heli-twin study`: fly many experiments and learn where and how the controller breaks."""
 
+import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Callable
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import command
@@ -104,8 +106,6 @@ class Watch:
     """Progress for a person: a bar on a terminal, else a line now and then."""
 
     def __init__(self, study: "Study") -> None:
-        import sys
-
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -121,23 +121,17 @@ class Watch:
             disable=not self._terminal,
         )
         self._task = self._bar.add_task("", total=None, rate="", failed="")
-        self._began: float | None = None
-        self._said = 0.0
+        self._began = self._said = monotonic()
 
     def __call__(self, count: "Count") -> None:
         """Show how far it is."""
-        from time import monotonic
-
         now = monotonic()
-        self._began = now if self._began is None else self._began
         rate = count.flown / max(now - self._began, 1e-3)
         failed = ", ".join(f"{number} {kind}" for kind, number in sorted(count.failed.items()))
         self._bar.update(
             self._task, total=count.total, completed=count.done, rate=f"{rate:.1f}/s" if count.flown else "", failed=failed
         )
         if not self._terminal and now - self._said > SILENCE and count.flown:
-            import sys
-
             self._said = now
             left = (count.total - count.done) / max(rate, 1e-9)
             print(f"{count.done} of {count.total}, {rate:.1f}/s, {left:.0f} s left {failed}", file=sys.stderr, flush=True)

@@ -110,13 +110,11 @@ def _check_ends(data: bytes) -> None:
 
 def check_format(identity: dict[str, str] | None) -> None:
     """Check that a log with this metadata is one that this version can read."""
-    if identity is None:
-        raise LogError("is an MCAP file but not a flight of heli-twin: give a log that heli-twin recorded")
-    version = int(identity["format"])
-    if version > FORMAT:
-        raise LogError(
-            f"has log format {version}, written by a newer heli-twin; this one reads up to {FORMAT}: upgrade"
-        )
+    version = (identity or {}).get("format", "")
+    if not version.isdecimal():
+        raise LogError("is not a flight of heli-twin: give a log that heli-twin recorded")
+    if int(version) > FORMAT:
+        raise LogError(f"has log format {version}, written by a newer heli-twin; this one reads up to {FORMAT}: upgrade")
 
 
 def _messages(data: bytes, summary: Summary) -> dict[str, Messages]:
