@@ -7,13 +7,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from controllers.model import Model, State, stepper
+from controllers.model import Model, Push, State, stepper
 from controllers.signals import Array
 
 Coupling = Literal["removed", "full"]
 Discretisation = Literal["euler", "exact"]
 
 N_STATES, N_INPUTS = 10, 4
+NO_PUSH: Push = (0.0, 0.0, 0.0, 0.0)
 
 
 class Ltv(NamedTuple):
@@ -34,7 +35,9 @@ def shift(u: Array) -> Array:
     return np.concatenate([u[1:], u[-1:]])
 
 
-def rollout(model: Model, k_i: float, x0: Array, u_nominal: Array, xy_ref: Array, period: float) -> Array:
+def rollout(
+    model: Model, k_i: float, x0: Array, u_nominal: Array, xy_ref: Array, period: float, push: Push = NO_PUSH
+) -> Array:
     """The nonlinear model under the nominal inputs, (10)-(13).
 
     The integral states follow the trapezoidal rule, as the controller's own integrals do.
@@ -46,6 +49,7 @@ def rollout(model: Model, k_i: float, x0: Array, u_nominal: Array, xy_ref: Array
         u_nominal: (N, 4) nominal inputs.
         xy_ref: (N + 1, 2) reference position, m.
         period: Sampling period, s.
+        push: Acceleration beyond the model's, taken to last: x y z (world, m/s^2), yaw (rad/s^2).
 
     Returns:
         (N + 1, 10) nominal states.
@@ -54,7 +58,7 @@ def rollout(model: Model, k_i: float, x0: Array, u_nominal: Array, xy_ref: Array
     x: State = (px, py, pz, yaw, vx, vy, vz, r)
     rows, step = [x], stepper(model, period)
     for u in u_nominal.tolist():
-        x = step(x, u, (0.0, 0.0, 0.0, 0.0))
+        x = step(x, u, push)
         rows.append(x)
     out = np.empty((len(rows), N_STATES))
     out[:, :8] = rows
@@ -127,8 +131,9 @@ def linearise(
     period: float,
     coupling: Coupling,
     discretisation: Discretisation,
+    push: Push = NO_PUSH,
 ) -> Ltv:
     """The LTV model along the nominal inputs from the newest state, (10)-(23); arguments as in `rollout`."""
-    x_nominal = rollout(model, k_i, x0, u_nominal, xy_ref, period)
+    x_nominal = rollout(model, k_i, x0, u_nominal, xy_ref, period, push)
     A, B = discretise(*jacobians(model, k_i, x_nominal[:-1], coupling), period, discretisation)
     return Ltv(A, B, x_nominal, u_nominal)

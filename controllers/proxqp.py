@@ -47,6 +47,7 @@ class ProxQp:
         self._n, self._penalty = n, penalty
         self._hard = _Solver(n, n, eps=1e-5, max_iter=9, max_iter_in=12)
         self._soft: _Solver | None = None
+        self._gave_way = True
         self._axis = np.tile(np.eye(4), (steps, 1))
         self.solve_ns = 0
         """Measured wall time of the last call, ns."""
@@ -59,12 +60,14 @@ class ProxQp:
         return solution
 
     def _solve(self, qp: CondensedQp) -> Solution | None:
-        hard = self._hard
-        iterations = 0
-        if not _out_of_reach(qp):
+        hard, iterations = self._hard, 0
+        # A helicopter that is too fast stays so for a while: only the first step of that costs a futile attempt.
+        if not (self._gave_way and _out_of_reach(qp)):
             if hard.solve(qp.H, qp.g, qp.C, qp.v_low, qp.v_high, qp.u_low, qp.u_high):
+                self._gave_way = False
                 return hard.solution(qp, False, 0.0, 0)
             iterations = hard.iterations
+        self._gave_way = True
         hard.forget()
         soft = self._soften(qp)
         if soft is None:

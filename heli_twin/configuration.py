@@ -84,6 +84,19 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Experiment
     tree = tree_of(Experiment())
     for path, value in _leaves(_read(source or "lab")):
         put(tree, path, value)
+    return _changed(tree, overrides)
+
+
+def changed(experiment: Experiment, overrides: Iterable[str]) -> Experiment:
+    """An experiment with some fields changed, each `path.to.field=value`, as `load` does.
+
+    Raises:
+        ExperimentError: One sentence that says what is wrong and what would be right.
+    """
+    return _changed(tree_of(experiment), overrides)
+
+
+def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
     for path, value in sorted(map(_override, overrides), key=lambda change: not _names_a_kind(*change)):
         put(tree, path, value)
     return experiment_of(tree)

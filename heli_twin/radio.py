@@ -83,12 +83,13 @@ class Dsm2Link:
         """The newest command that a frame received until `now` carries."""
         held = None
         while self.due <= now:
-            ready = [h for at, h in self._waiting if at <= self._frame]
+            ready = [i for i, (at, _) in enumerate(self._waiting) if at <= self._frame]
             # Drawn every frame, sent or not: chance must not depend on what the controller did.
             lost = self._rng.random() < self._spec.loss
             if ready and not lost:
-                held = ready[-1]
-                self._waiting = [w for w in self._waiting if w[0] > self._frame]
+                held = self._waiting[ready[-1]][1]
+                # Older ones go too, ready or not: a late command must not replace a newer one.
+                del self._waiting[: ready[-1] + 1]
             self._frame += self._period
             self.due = self._frame + self._latency
         return held

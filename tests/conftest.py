@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import settings
 from scipy.optimize import nnls
+from threadpoolctl import threadpool_limits
 
 settings.register_profile("ci", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("ci")
+# Matrices of this size are slower on many threads, and tests share the machine.
+threadpool_limits(1)
 
 
 class QpSolver(Protocol):

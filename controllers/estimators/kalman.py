@@ -60,6 +60,9 @@ class KalmanFilter:
         self._P = np.zeros((4, 3, 3))
         self._stamp, self._age = -1, 0
         self._rejected, self._rejected_in_a_row = 0, 0
+        self.innovation: tuple[Array, Array] | None = None
+        """Of the last pose that was compared with a prediction, refused or not: measured minus predicted x y z yaw (4,),
+        and the variance (4,) of that."""
 
     def command_sent(self, now: int, u: Array) -> None:
         """Remember the input u (4,) decided at `now` (ns): it acts `command_delay` later."""
@@ -68,6 +71,7 @@ class KalmanFilter:
 
     def receive(self, now: int, pose: Pose) -> None:
         """Fuse a pose at its capture time; one that is stale, not finite or outside the gate is refused."""
+        self.innovation = None
         x, y, z = pose.position.tolist()
         yaw = heading(pose.quat_wxyz)
         if not all(map(isfinite, (x, y, z, yaw))) or pose.stamp <= self._stamp:
@@ -87,9 +91,13 @@ class KalmanFilter:
         stamp = now + self._delay if self._spec.roll_forward else now
         until = stamp if self._spec.roll_forward else now - self._age
         x = self._predict(self._x, self._stamp, until)
-        P = self._spread(max(until - self._stamp, 0) * 1e-9)
+        P = self.covariance(until)
         variance = np.diagonal(P, axis1=1, axis2=2).copy()
         return Estimate(stamp, np.array(x), np.array(self._d), variance, self._stamp, self._rejected)
+
+    def covariance(self, until: int) -> Array:
+        """Covariances (4, 3, 3) of position, velocity and disturbance of each axis x y z yaw at `until` (ns)."""
+        return self._spread(max(until - self._stamp, 0) * 1e-9)
 
     def _restart(self, stamp: int, measured: tuple[float, float, float, float]) -> None:
         self._x, self._stamp, self._d = (*measured, 0.0, 0.0, 0.0, 0.0), stamp, (0.0, 0.0, 0.0, 0.0)
@@ -106,6 +114,7 @@ class KalmanFilter:
         turn = (measured[3] - x[3] + pi) % (2 * pi) - pi
         innovation = np.array([measured[0] - x[0], measured[1] - x[1], measured[2] - x[2], turn])
         S = P[:, 0, 0] + self._R
+        self.innovation = innovation, S
         if (innovation * innovation > self._spec.gate * S).any():
             self._rejected += 1
             self._rejected_in_a_row += 1

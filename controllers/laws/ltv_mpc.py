@@ -1,6 +1,7 @@
 """The paper's controller: linear time-varying model predictive control, (10)-(26), solved by ProxQP."""
 
 from dataclasses import dataclass, field
+from math import pi
 from typing import Annotated, Literal
 
 import numpy as np
@@ -28,6 +29,9 @@ class LtvMpc:
     discretisation: Annotated[Discretisation, doc("of the linear model (17)")] = "euler"
     terminal: Annotated[Literal["paper", "riccati"], doc("Q_f = Q, or the Riccati cost-to-go")] = "paper"
     k_i: Annotated[float, Ge(0), Unit("1/s"), doc("gain of the integral states in (1)")] = 2.0
+    offset_free: Annotated[
+        Literal["off", "z", "all"], doc("axes on which the estimated disturbance is predicted and cancelled")
+    ] = "off"
     Q: Annotated[
         tuple[Weight, Weight, Weight, Weight, Weight, Weight, Weight, Weight, Weight, Weight],
         doc("state weights: x y z yaw, vx vy vz yaw rate, x_int y_int"),
@@ -65,6 +69,7 @@ class LtvMpcController:
         self._u_nominal: Array | None = None
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
         self._unsolved = 0
+        self._cancelled = np.array(_CANCELLED[spec.offset_free])
 
     def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
         """Solve (26) from the estimate and send the first input of the plan.
@@ -84,6 +89,10 @@ class LtvMpcController:
         plan = Plan(self._condenser.predict(ltv, u), u, ltv.u_nominal)
         return Command(now, u[0], plan, _report(solution), self._solver.solve_ns)
 
+    def linearise_along(self, u_nominal: Array) -> None:
+        """Take these nominal inputs (N, 4) in the next step, not the shifted last plan: those of a log, for one."""
+        self._u_nominal = u_nominal
+
     def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, CondensedQp]:
         """Linearise along the nominal inputs and condense (26)."""
         spec = self._spec
@@ -95,6 +104,12 @@ class LtvMpcController:
             u_nominal = np.clip(reference.u, self._limits.u_min, self._limits.u_max)
         x_ref = np.zeros((spec.steps + 1, N_STATES))
         x_ref[:, :8] = reference.x
+        # The estimate counts turns from the first pose it saw, the plan from its own start.
+        x_ref[:, 3] += 2.0 * pi * round((estimate.x[3] - reference.x[0, 3]) / (2.0 * pi))
+        push = self._cancelled * estimate.disturbance
+        u_ref = reference.u
+        if push.any():
+            u_ref = u_ref - _as_input(spec.model, push, reference.x[:-1, 3])
         ltv = linearise(
             spec.model,
             spec.k_i,
@@ -104,8 +119,9 @@ class LtvMpcController:
             spec.period,
             spec.coupling,
             spec.discretisation,
+            tuple(push.tolist()),
         )
-        return ltv, self._condenser(ltv, self._turned_weights(ltv), x_ref, reference.u)
+        return ltv, self._condenser(ltv, self._turned_weights(ltv), x_ref, u_ref)
 
     def _turned_weights(self, ltv: Ltv) -> Weights:
         """The Riccati weight belongs to a helicopter that looks north: turn it to the heading at the horizon's end."""
@@ -116,6 +132,18 @@ class LtvMpcController:
         for i in (0, 8):
             turn[i : i + 2, i : i + 2] = [[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]
         return self._weights._replace(sqrt_Qf=self._weights.sqrt_Qf @ turn)
+
+
+_CANCELLED = {"off": (0.0, 0.0, 0.0, 0.0), "z": (0.0, 0.0, 1.0, 0.0), "all": (1.0, 1.0, 1.0, 1.0)}
+"""Share of the disturbances x y z yaw that `offset_free` takes into account."""
+
+
+def _as_input(model: Model, push: Array, yaw: Array) -> Array:
+    """The inputs (n, 4) that accelerate as a push x y z (world), yaw (4,) does, at the headings yaw (n,)."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    ahead, port = c * push[0] + s * push[1], c * push[1] - s * push[0]
+    up, turn = np.full_like(yaw, push[2]), np.full_like(yaw, push[3])
+    return np.stack([ahead / model.b_x, port / model.b_y, up / model.b_z, turn / model.b_yaw], axis=-1)
 
 
 def _report(solution: Solution | None) -> QpReport:

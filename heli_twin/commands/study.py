@@ -88,9 +88,13 @@ def run_(parsed: Namespace) -> int:
 
 
 def _backend(parsed: Namespace) -> Callable[..., Any]:
-    if parsed.scheduler:
-        from heli_twin.studies.dask_cluster import DaskCluster
+    from heli_twin.studies.errors import StudyError
 
+    if parsed.scheduler:
+        try:
+            from heli_twin.studies.dask_cluster import DaskCluster
+        except ImportError:
+            raise StudyError("--scheduler needs Dask: pip install 'heli-twin[cluster]'") from None
         return lambda plan, timeout: DaskCluster(parsed.scheduler, timeout)
     from heli_twin.studies.campaign import embedded
 

@@ -47,7 +47,9 @@ def layout(scales: Scales) -> rrb.Blueprint:
     scene = rrb.Vertical(
         _scene(scales.path),
         rrb.Horizontal(
-            rrb.TextLogView(name="Events", origin="/events"),
+            rrb.TextLogView(
+                name="Events", origin="/events", columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+            ),
             rrb.StateTimelineView(name="Controller and contact", origin="/state"),
             column_shares=[3, 2],
         ),
@@ -60,7 +62,7 @@ def layout(scales: Scales) -> rrb.Blueprint:
             _plot("Input sent [of full stick]", "/input/all"),
             _plot("Computing [ms]", "/computing", y=(0.0, 1.2e3 * scales.period)),
             name="Flight",
-            row_shares=[3, 2, 3, 2],
+            row_shares=[4, 2, 3, 2],
         ),
         rrb.Vertical(
             *(_plot(f"{name} [{'deg' if name == 'yaw' else 'm'}]", f"/position/{name}") for name in POSITIONS),
@@ -132,7 +134,14 @@ def send_static(stream: rr.RecordingStream) -> None:
         _send_parts(stream, path, parts)
     for path, series in _series():
         names, colours, widths = zip(*series, strict=True)
-        stream.log(path, rr.SeriesLines(names=names, colors=_rgba(colours), widths=widths), static=True)
+        held = path.startswith(("input", "air"))
+        lines = rr.SeriesLines(
+            names=names,
+            colors=_rgba(colours),
+            widths=widths,
+            interpolation_mode=rr.components.InterpolationMode.StepAfter if held else None,
+        )
+        stream.log(path, lines, static=True)
     for path, width, colour in (
         ("trail", 0.004, FLOWN),
         ("horizon", 0.004, PLANNED),

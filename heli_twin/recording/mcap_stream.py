@@ -30,8 +30,8 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-COMPRESSOR = zstandard.ZstdCompressor(level=1)
-"""A third faster than the default level and 2 % larger."""
+LEVEL = 1
+"""Of zstd's compression: a third faster than its default and 2 % larger."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS = _MESSAGE.size - 9
@@ -44,6 +44,7 @@ class McapStream:
     def __init__(self, stream: IO[bytes], *, library: str, chunk_size: int) -> None:
         self._stream = stream
         self._chunk_size = chunk_size
+        self._compressor = zstandard.ZstdCompressor(level=LEVEL)
         self._schemas: dict[tuple[str, str, bytes], Schema] = {}
         self._channels: list[Channel] = []
         self._chunks: list[ChunkIndex] = []
@@ -130,8 +131,9 @@ class McapStream:
         if not self._pending:
             return
         records, index = self._message_records()
-        packed = COMPRESSOR.compress(records)
-        start, end = min(time for _, time, _ in self._pending), max(time for _, time, _ in self._pending)
+        packed = self._compressor.compress(records)
+        times = [time for _, time, _ in self._pending]
+        start, end = min(times), max(times)
         chunk = _bytes(Chunk("zstd", packed, end, start, zlib.crc32(records), len(records)))
         offsets, indexes = {}, b""
         for channel, entry in index.items():

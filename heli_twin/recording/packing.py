@@ -4,12 +4,15 @@ Writing such a message is a few assignments into a buffer, and a whole column of
 bytes are those that the generated class would write.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor as Field
 from google.protobuf.message import Message
+
+Pack = Callable[[Iterable[Any]], bytes]
+"""Gives the message with these values, in the order of its fields."""
 
 _VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5
 _SCALARS = {
@@ -42,19 +45,25 @@ class Layout:
             offsets.append(end + len(prefix))
             end = offsets[-1] + value.itemsize
         self.dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": end})
-        self._buffer = bytearray(end)
+        template = bytearray(end)
         for at, prefix in prefixes:
-            self._buffer[at : at + len(prefix)] = prefix
+            template[at : at + len(prefix)] = prefix
+        self._template = bytes(template)
         self._constant = np.concatenate([np.arange(at, at + len(prefix)) for at, prefix in prefixes])
-        self._prefix = np.frombuffer(bytes(self._buffer), np.uint8)[self._constant]
-        record = np.frombuffer(self._buffer, self.dtype)
-        self._values = [record[name][0, ...] for name in names]
+        self._prefix = np.frombuffer(self._template, np.uint8)[self._constant]
 
-    def pack(self, values: Iterable[Any]) -> bytes:
-        """The message with these values, in the order of its fields."""
-        for place, value in zip(self._values, values, strict=True):
-            place[...] = value
-        return bytes(self._buffer)
+    def packer(self) -> Pack:
+        """A function that writes such messages, with a buffer of its own: one for each recorder."""
+        buffer = bytearray(self._template)
+        record = np.frombuffer(buffer, self.dtype)
+        places = [record[name][0, ...] for name in self.dtype.names or ()]
+
+        def pack(values: Iterable[Any]) -> bytes:
+            for place, value in zip(places, values, strict=True):
+                place[...] = value
+            return bytes(buffer)
+
+        return pack
 
     def unpack(self, messages: Sequence[bytes | memoryview]) -> np.ndarray:
         """The values of many messages as a record array (n,).

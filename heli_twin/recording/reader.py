@@ -114,7 +114,9 @@ def check_format(identity: dict[str, str] | None) -> None:
     if not version.isdecimal():
         raise LogError("is not a flight of heli-twin: give a log that heli-twin recorded")
     if int(version) > FORMAT:
-        raise LogError(f"has log format {version}, written by a newer heli-twin; this one reads up to {FORMAT}: upgrade")
+        raise LogError(
+            f"has log format {version}, written by a newer heli-twin; this one reads up to {FORMAT}: upgrade"
+        )
 
 
 def _messages(data: bytes, summary: Summary) -> dict[str, Messages]:

@@ -22,7 +22,7 @@ from heli_twin.recording.log import Log, Messages, Times
 from heli_twin.recording.schema import LogError
 
 APPLICATION = "heli_twin"
-HOST, PORT = "127.0.0.1", 9876
+HOST = "127.0.0.1"
 SLICE = 500_000_000
 """Simulated ns that are sent at once while flying."""
 TRAIL_STEP = 0.02
@@ -149,13 +149,13 @@ def _plots(log: Log, scales: Scales) -> Iterator[Rows]:
     both, now, wanted = np.intersect1d(truth.time, reference.time, return_indices=True)
     error = true_x[now] - reference.x[wanted, :4]
     yield "error/position", both, _scalars(100 * error[:, :3])
-    yield "error/yaw", both, _scalars(np.degrees(error[:, 3]))
+    yield "error/yaw", both, _scalars((np.degrees(error[:, 3]) + 180) % 360 - 180)
     unit = np.array([1, 1, 1, 180 / np.pi])
     for i, name in enumerate(POSITIONS):
         yield f"position/{name}/truth", truth.time, _scalars(unit[i] * true_x[:, i])
         yield f"position/{name}/reference", reference.time, _scalars(unit[i] * reference.x[:, i])
         yield f"position/{name}/estimate", estimate.stamp, _scalars(unit[i] * estimate.x[:, i])
-        if i < pose.position.shape[1]:
+        if name != "yaw":
             yield f"position/{name}/mocap", pose.stamp, _scalars(pose.position[:, i])
     yield "input/all", log.sent.time, _scalars(log.sent.u)
     for i, name in enumerate(INPUTS):

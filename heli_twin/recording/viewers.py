@@ -78,6 +78,7 @@ class Viewers:
         self._plot_due = t + PLOT_PERIOD
         with np.errstate(invalid="ignore"):
             error = physical_state(self._truth) - self._reference.x[0]
+            error[3] = (error[3] + np.pi) % (2 * np.pi) - np.pi
         self._write("/view/tracking", t, _AXES.pack(t, error[:4], error[4:], u))
 
     def plan(self, t: int, plan: Plan) -> None:

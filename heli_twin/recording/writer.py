@@ -16,6 +16,7 @@ from controllers.signals import Array, Command, Estimate, Plan, Pose, QpReport, 
 from heli_twin.plant import Air, Truth
 from heli_twin.recording.log import Attachment, Log
 from heli_twin.recording.mcap_stream import McapStream
+from heli_twin.recording.packing import Pack
 from heli_twin.recording.reader import read_log
 from heli_twin.recording.schema import (
     EXPERIMENT,
@@ -79,8 +80,10 @@ class Recorder:
         self._time = 0
         self._flush_due = FLUSH_PERIOD
         self._hash = hashlib.sha256(experiment.encode())
+        self.stream: IO[bytes] = BytesIO()
         try:
-            self.stream: IO[bytes] = BytesIO() if path is None else _create(path)
+            if path is not None:
+                self.stream = _create(path)
             self._mcap = McapStream(self.stream, library=LIBRARY, chunk_size=CHUNK_SIZE)
             self._mcap.metadata("heli_twin", {"format": str(FORMAT)})
             self._mcap.metadata("run", metadata or {})
@@ -90,26 +93,28 @@ class Recorder:
         except OSError as error:
             raise self._failure(error) from error
         self._channels = {topic.name: (self._mcap.channel(*topic), topic.name.encode() + b"\0") for topic in TOPICS}
+        self._pack = {topic: layout.packer() for topic, layout in LAYOUTS.items()}
+        self._pack_plan: Pack | None = None
         self._viewers = Viewers(self._write)
         self._viewers.start()
 
     def truth(self, t: int, truth: Truth) -> None:
         """What the helicopter does."""
-        self._write("/truth", t, LAYOUTS["/truth"].pack(truth))
+        self._write("/truth", t, self._pack["/truth"](truth))
         self._viewers.truth(t, truth)
 
     def pose(self, t: int, pose: Pose) -> None:
         """What the motion capture says, at its arrival."""
-        self._write("/mocap/pose", t, LAYOUTS["/mocap/pose"].pack(pose))
+        self._write("/mocap/pose", t, self._pack["/mocap/pose"](pose))
 
     def estimate(self, t: int, estimate: Estimate) -> None:
         """What the estimator believes."""
-        self._write("/estimate", t, LAYOUTS["/estimate"].pack(estimate))
+        self._write("/estimate", t, self._pack["/estimate"](estimate))
 
     def reference(self, t: int, reference: Reference) -> None:
         """Where the helicopter should be: the first row of the planned flight."""
         now = (reference.stamp, reference.x[0], reference.u[0])
-        self._write("/reference", t, LAYOUTS["/reference"].pack(now))
+        self._write("/reference", t, self._pack["/reference"](now))
         self._viewers.reference(reference)
 
     def reference_path(self, t: int, points: Array) -> None:
@@ -118,27 +123,29 @@ class Recorder:
 
     def sent(self, t: int, command: Command) -> None:
         """What the controller asks for; its plan and report are wires of their own."""
-        self._write("/command/sent", t, LAYOUTS["/command/sent"].pack(command[:2]))
+        self._write("/command/sent", t, self._pack["/command/sent"](command[:2]))
         self._viewers.sent(t, command.u)
 
     def acting(self, t: int, u: Array, stamp: int = -1) -> None:
         """The input (4,) in force at the helicopter from now on, and when it was decided (-1: by no controller)."""
-        self._write("/command/acting", t, LAYOUTS["/command/acting"].pack((stamp, u)))
+        self._write("/command/acting", t, self._pack["/command/acting"]((stamp, u)))
 
     def plan(self, t: int, plan: Plan) -> None:
         """What the controller expects; the horizon stays the same within a flight."""
+        if self._pack_plan is None:
+            self._pack_plan = plan_layout(len(plan.u)).packer()
         with np.errstate(over="ignore"):
-            self._write("/mpc/plan", t, plan_layout(len(plan.u)).pack(plan))
+            self._write("/mpc/plan", t, self._pack_plan(plan))
             self._viewers.plan(t, plan)
 
     def qp(self, t: int, report: QpReport) -> None:
         """How the control problem was solved."""
         status = code(QP_STATUS, report.status, "QP status")
-        self._write("/mpc/qp", t, LAYOUTS["/mpc/qp"].pack((status, *report[1:])))
+        self._write("/mpc/qp", t, self._pack["/mpc/qp"]((status, *report[1:])))
 
     def disturbance(self, t: int, air: Air) -> None:
         """What the surroundings do to the helicopter until told otherwise."""
-        self._write("/disturbance", t, LAYOUTS["/disturbance"].pack(air))
+        self._write("/disturbance", t, self._pack["/disturbance"](air))
 
     def event(self, t: int, severity: str, name: str, text: str) -> None:
         """Something worth telling a person; severity is debug, info, warning, error or fatal."""
@@ -148,7 +155,7 @@ class Recorder:
 
     def timing(self, t: int, control_step_ns: int, solve_ns: int) -> None:
         """Measured times; the only message that is not part of the digest."""
-        self._write(TIMING, t, LAYOUTS[TIMING].pack((control_step_ns, solve_ns)))
+        self._write(TIMING, t, self._pack[TIMING]((control_step_ns, solve_ns)))
 
     @property
     def digest(self) -> str:
@@ -174,10 +181,6 @@ class Recorder:
                 self._finish({"outcome": outcome, "time": str(t), "digest": self.digest, **ending})
         except OSError as error:
             raise self._failure(error) from error
-        finally:
-            if self.path is not None:
-                with suppress(OSError):
-                    self.stream.close()
 
     def log(self) -> Log:
         """The finished log, read back."""
@@ -219,7 +222,11 @@ class Recorder:
             _part(self.path).rename(self.path)
 
     def _failure(self, error: Exception) -> LogError:
+        """Give the file up as it is."""
         self._failed = True
+        if self.path is not None:
+            with suppress(OSError):
+                self.stream.close()
         return LogError(f"the log {self.path} cannot be written ({error}): make room or record to another folder")
 
 
@@ -228,7 +235,8 @@ def _part(path: Path) -> Path:
 
 
 def _create(path: Path) -> IO[bytes]:
-    if path.exists():
-        raise LogError(f"the log {path} exists already: choose another name or move it away")
+    for taken in (path, _part(path)):
+        if taken.exists():
+            raise LogError(f"the log {taken} exists already: choose another name or move it away")
     path.parent.mkdir(parents=True, exist_ok=True)
     return _part(path).open("xb")

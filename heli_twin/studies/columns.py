@@ -14,7 +14,10 @@ from heli_twin.studies.measures import measures
 
 COMPLETED = "completed"
 """The outcome of a flight that did not fail."""
-MEASURED = ("control_step_ms.", "solve_ms.", "deadline_misses", "real_time_factor", "wall_time", "host", "started", "attempts")
+MEASURED = (
+    *("control_step_ms.", "solve_ms.", "deadline_misses", "real_time_factor", "wall_time", "attempts"),
+    *("host", "started", "git_commit", "cpu", "platform", "python", "version."),
+)
 """Columns that may differ between two flights of the same experiment, by how their names begin."""
 
 

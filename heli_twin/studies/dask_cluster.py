@@ -5,11 +5,12 @@ machine; when a whole worker is lost, Dask flies its runs elsewhere.
 """
 
 import multiprocessing
-import threading
 from concurrent.futures import Future
-from functools import cache
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
+
+from distributed import Client, WorkerPlugin, get_worker
 
 from heli_twin.studies.engine import Trouble, Work
 from heli_twin.studies.errors import StudyError
@@ -29,17 +30,14 @@ class DaskCluster:
     """
 
     def __init__(self, address: str, timeout: float = 300.0) -> None:
-        try:
-            from distributed import Client
-        except ImportError:
-            raise StudyError("--scheduler needs Dask: pip install 'heli-twin[cluster]'") from None
         where = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
         try:
             self._client: Any = Client(**where, timeout=WAIT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise StudyError(f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`") from None
+        self._name = f"heli_twin-{uuid4().hex[:8]}"
+        self._client.register_plugin(Processes(timeout), name=self._name)
         self._executor = self._client.get_executor(pure=False)
-        self._timeout = timeout
 
     def workers(self) -> int:
         """One run a thread of each Dask worker, as many as there are now."""
@@ -47,7 +45,7 @@ class DaskCluster:
 
     def submit(self, work: Work, task: Task) -> "Future[Any]":
         """Send a run to the cluster."""
-        return self._executor.submit(apart, work, task, self._timeout)
+        return self._executor.submit(apart, self._name, work, task)
 
     def trouble(self, error: BaseException) -> Trouble:
         """What Dask gives up on."""
@@ -56,32 +54,34 @@ class DaskCluster:
     def __enter__(self) -> "DaskCluster":
         return self
 
-    def __exit__(self, kind: object, *stopped: object) -> None:
+    def __exit__(self, *stopped: object) -> None:
         self._executor.shutdown(wait=False)
+        self._client.unregister_worker_plugin(self._name)
         self._client.close()
 
 
-def apart(work: Work, task: Task, timeout: float) -> Flown | Trouble:
+class Processes(WorkerPlugin):
+    """What each Dask worker has while a study uses it: as many processes as it has threads, kept apart by pebble."""
+
+    def __init__(self, timeout: float) -> None:
+        self.timeout = timeout
+        self.pool: PebblePool | None = None
+
+    def setup(self, worker: Any) -> None:
+        """Called by Dask on every worker, on those too that join later."""
+        # A nanny's worker is a daemon, which Python forbids to have children; these end when their pipe does.
+        multiprocessing.current_process().daemon = False
+        self.pool = PebblePool(worker.state.nthreads, self.timeout)
+
+    def teardown(self, worker: Any) -> None:
+        """Called by Dask when the study or the worker is over."""
+        if self.pool is not None:
+            self.pool.__exit__()
+
+
+def apart(plugin: str, work: Work, task: Task) -> Flown | Trouble:
     """Fly a run on a Dask worker, in a process of its own."""
-    pool = _pool(timeout)
+    pool = get_worker().plugins[plugin].pool
     future = pool.submit(work, task)
     error = future.exception()
     return future.result() if error is None else pool.trouble(error)
-
-
-_starting = threading.Lock()
-
-
-def _pool(timeout: float) -> PebblePool:
-    """The processes of this Dask worker."""
-    with _starting:
-        return _processes(timeout)
-
-
-@cache
-def _processes(timeout: float) -> PebblePool:
-    from distributed import get_worker
-
-    # A nanny's worker is a daemon, which Python forbids to have children; these end when their pipe does.
-    multiprocessing.current_process().daemon = False
-    return PebblePool(get_worker().state.nthreads, timeout)

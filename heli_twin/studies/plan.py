@@ -63,10 +63,10 @@ class Plan:
         tree = varied(self.base, changes)
         shown: dict[str, Any] = {self.contrast: alternative.name} if self.contrast else {}
         shown |= {path: shown_value(_at(tree, path)) for path in point.changes if path in self.axes}
-        for replicate, seed in enumerate(point.seeds or self.study.seeds):
+        for seed in point.seeds or self.study.seeds:
             tree["seed"] = seed
             text = canonical_json(experiment_of(tree))
-            place = {"point": number, "alternative": alternative.name, "replicate": replicate, "seed": seed}
+            place = {"point": number, "alternative": alternative.name, "replicate": seed - self.study.seed, "seed": seed}
             yield Run(run_id(text), text, place | shown | point.labels, changes | {"seed": seed})
 
 

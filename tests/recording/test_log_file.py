@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
@@ -43,6 +44,12 @@ def _bytes(recorder: Recorder) -> bytes:
 
 def test_same_flight_same_bytes(record: Record) -> None:
     assert _bytes(record()) == _bytes(record())
+
+
+def test_flights_in_threads_do_not_mix(record: Record) -> None:
+    with ThreadPoolExecutor(4) as threads:
+        logs = list(threads.map(lambda seed: _bytes(record(seed=seed)), [1, 2, 1, 2]))
+    assert logs == [_bytes(record(seed=seed)) for seed in (1, 2, 1, 2)]
 
 
 def test_in_memory_and_in_a_file_are_the_same(record: Record, tmp_path: Path) -> None:
@@ -141,6 +148,17 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(LogError, match="cannot be written"):
         Recorder(tmp_path / "file" / "run.mcap")
+
+
+def test_a_disk_that_is_full_from_the_start(tmp_path: Path) -> None:
+    with _full_disk(10), pytest.raises(LogError, match="make room"):
+        Recorder(tmp_path / "run.mcap")
+
+
+def test_an_unfinished_log_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap.part").touch()
+    with pytest.raises(LogError, match=r"run\.mcap\.part exists already"):
+        Recorder(tmp_path / "run.mcap")
 
 
 @contextmanager

@@ -1,0 +1,184 @@
+"""`heli-twin trajectories`: what can be flown, what it looks like, and what it asks of the helicopter."""
+
+import json
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from controllers.signals import Array
+from heli_twin.commands import add_experiment, command, experiment_arguments
+
+if TYPE_CHECKING:
+    from heli_twin.experiment import Experiment
+
+SKETCH = (20, 9)
+"""Columns and rows of text."""
+BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
+"""Bits of the dots of U+2800, two wide and four high."""
+DEMANDS = (
+    ("pitch", "stick"),
+    ("roll", "stick"),
+    ("thrust", "stick"),
+    ("yaw", "stick"),
+    ("forward", "m/s"),
+    ("sideward", "m/s"),
+    ("vertical", "m/s"),
+    ("yaw rate", "rad/s"),
+)
+"""Inputs and velocities, in the order of (28) and (29)."""
+
+
+class Survey(NamedTuple):
+    """What one trajectory asks of the believed helicopter."""
+
+    peak: Array
+    """(8,) `DEMANDS`, the largest magnitudes."""
+    limit: Array
+    """(8,) the believed limits."""
+    complaint: str
+    """Why it cannot be flown; empty if it can."""
+    path: Array
+    """(n, 4) x y z (m) and yaw (rad) over the flight."""
+
+
+def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command."""
+    parser = command(
+        subparsers,
+        "trajectories",
+        run,
+        "list the trajectories with a sketch and what they demand",
+        "List every trajectory with its defaults: a sketch, the largest inputs and speeds against the limits that the\n"
+        "controller believes, and whether it can be flown. Given an experiment, show that experiment's trajectory.",
+        "  heli-twin trajectories\n"
+        "  heli-twin trajectories trajectory=circle trajectory.rate=2.5\n"
+        "  heli-twin trajectories trajectory=waypoints trajectory.points=my_points.csv trajectory.corners=pass\n"
+        "  heli-twin trajectories trajectory=csv trajectory.rows=my_flight.csv\n"
+        "  heli-twin trajectories --json | jq '.circle.peak'",
+    )
+    add_experiment(parser)
+    parser.add_argument("--json", action="store_true", help="print the demands as JSON, for programs")
+
+
+def run(parsed: Namespace) -> int:
+    """Survey and print; the exit code is 1 where an asked-for trajectory cannot be flown."""
+    from heli_twin.configuration import load, members
+
+    source, overrides = experiment_arguments(parsed)
+    experiment = load(source, overrides)
+    chosen = {tree_kind(experiment): experiment.trajectory}
+    if source is None and not overrides:
+        chosen = {kind: spec() for kind, spec in members("controllers.trajectories").items()}
+    surveys = {kind: survey(replace(experiment, trajectory=trajectory)) for kind, trajectory in chosen.items()}
+    if parsed.json:
+        print(json.dumps({kind: _plain(found) for kind, found in surveys.items()}, indent=2))
+    else:
+        for kind, found in surveys.items():
+            show(kind, (type(chosen[kind]).__doc__ or "").partition("\n")[0], found)
+    return 1 if any(found.complaint for found in surveys.values()) else 0
+
+
+def tree_kind(experiment: "Experiment") -> str:
+    """The `kind` of an experiment's trajectory."""
+    from heli_twin.configuration import tree_of
+
+    return str(tree_of(experiment)["trajectory"]["kind"])
+
+
+def survey(experiment: "Experiment") -> Survey:
+    """What the trajectory of an experiment asks of the helicopter that its controller believes in."""
+    from controllers.errors import InfeasibleTrajectory
+    from controllers.flatness import feed_forward, state
+    from controllers.reference import check_feasible
+    from controllers.trajectories import fitted
+
+    model, period = experiment.controller.model, experiment.controller.period
+    trajectory = fitted(experiment.trajectory, model)
+    flat = trajectory.flat(np.arange(0.0, experiment.duration + 0.5 * period, period))
+    peak = np.abs(np.hstack([feed_forward(model, flat), state(flat)[:, 4:]])).max(axis=0)
+    try:
+        check_feasible(trajectory, model, experiment.duration, period)
+        complaint = ""
+    except InfeasibleTrajectory as error:
+        complaint = str(error)
+    return Survey(peak, np.array([*model.u_max, *model.v_max]), complaint, flat.z)
+
+
+def _plain(found: Survey) -> dict[str, Any]:
+    names = [name.replace(" ", "_") for name, _ in DEMANDS]
+    peak, limit = np.nan_to_num(found.peak).tolist(), found.limit.tolist()
+    return {
+        "feasible": not found.complaint,
+        "complaint": found.complaint,
+        "peak": dict(zip(names, peak, strict=True)),
+        "limit": dict(zip(names, limit, strict=True)),
+    }
+
+
+def show(kind: str, summary: str, found: Survey) -> None:
+    """Print a trajectory for a person."""
+    from rich.console import Console
+    from rich.table import Table
+
+    lines, caption = sketch(found.path)
+    demands = Table.grid(padding=(0, 1))
+    for justify in ("left", "right", "left", "left", "right"):
+        demands.add_column(justify=justify, no_wrap=True)
+    for (name, unit), peak, limit in zip(DEMANDS, found.peak.tolist(), found.limit.tolist(), strict=True):
+        share = peak / limit
+        bar = "█" * min(16, round(16 * share)) if np.isfinite(share) else ""
+        colour = "red" if not share <= 1.0 + 1e-9 else "green"
+        demands.add_row(name, f"{peak:.2f}", f"of {limit:g} {unit}", f"[{colour}]{bar:<16}[/]", f"{100 * share:.0f} %")
+    both = Table.grid(padding=(0, 2))
+    both.add_row("\n".join(lines), demands)
+    console = Console()
+    console.print(f"[bold]{kind}[/]  {summary}", highlight=False, soft_wrap=True)
+    console.print(both, highlight=False)
+    verdict = f"[red]{found.complaint}[/]" if found.complaint else "[green]feasible[/]"
+    console.print(f"{caption:<{SKETCH[0]}}  {verdict}\n", highlight=False, soft_wrap=True)
+
+
+def sketch(path: Array) -> tuple[list[str], str]:
+    """A drawing of a flight in Braille dots, and what it shows.
+
+    From above, north is up and west is left, with short lines to where the nose points; a flight in an upright plane
+    is drawn from the side.
+
+    Args:
+        path: (n, 4) x y z (m) and yaw (rad).
+
+    Returns:
+        Lines of text, and a caption.
+    """
+    path = path[np.isfinite(path).all(axis=1)]
+    spread, axes = np.linalg.eigh(np.cov(path[:, :2], rowvar=False))
+    upright = path[:, 2].std() > 0.02 + np.sqrt(max(float(spread[0]), 0.0))
+    if upright:
+        across = axes[:, 1] * np.sign(axes[:, 1].sum() or 1.0)
+        curve = np.column_stack([path[:, :2] @ across, path[:, 2]])
+    else:
+        curve = np.column_stack([-path[:, 1], path[:, 0]])
+    size = np.ptp(curve, axis=0)
+    middle, extent = curve.min(axis=0) + 0.5 * size, max(*size.tolist(), 0.3)
+    dots = [curve]
+    if not upright:
+        at = np.linspace(0, len(path) - 1, 16).astype(int)
+        nose = np.column_stack([-np.sin(path[at, 3]), np.cos(path[at, 3])])
+        dots += [curve[at] + length * extent * nose for length in np.linspace(0.0, 0.12, 8)]
+    caption = f"{'side' if upright else 'top'}, {size[0]:.1f} x {size[1]:.1f} m"
+    return _braille((np.vstack(dots) - middle) / extent), caption
+
+
+def _braille(points: Array) -> list[str]:
+    """Points (n, 2), right and up, in about the unit square around 0, as lines of text."""
+    columns, rows = SKETCH
+    wide, high = 2 * columns, 4 * rows
+    scale = 0.78 * min(wide, high)
+    column = np.rint(0.5 * (wide - 1) + scale * points[:, 0]).astype(int)
+    row = np.rint(0.5 * (high - 1) - scale * points[:, 1]).astype(int)
+    inside = (column >= 0) & (column < wide) & (row >= 0) & (row < high)
+    cells = np.full((rows, columns), 0x2800)
+    np.bitwise_or.at(cells, (row[inside] // 4, column[inside] // 2), BRAILLE[row[inside] % 4, column[inside] % 2])
+    return ["".join(map(chr, line)) for line in cells.tolist()]

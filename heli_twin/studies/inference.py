@@ -1,0 +1,129 @@
+"""Intervals and sensitivities. SciPy does the mathematics; here stands which of it, and what happens at the edges."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+LARGE = 2000
+"""From so many values on the mean is normal enough, and resampling is slow for nothing."""
+
+
+class Interval(NamedTuple):
+    """An estimate with its 95 % interval; NaN where there is not enough to say."""
+
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+def mean_interval(values: Array) -> Interval:
+    """Mean with a BCa bootstrap interval. NaN among the values are left out."""
+    return _bootstrapped(values, np.mean)
+
+
+def median_interval(values: Array) -> Interval:
+    """Median with a percentile bootstrap interval: BCa's jackknife is undefined for a median."""
+    return _bootstrapped(values, np.median, "percentile")
+
+
+def paired_interval(a: Array, b: Array) -> Interval:
+    """Mean of a - b with a BCa bootstrap interval over the pairs; pairs with a NaN are left out.
+
+    Source: Efron, Journal of the American Statistical Association 82 (1987) 171.
+    """
+    return mean_interval(a - b)
+
+
+def _bootstrapped(values: Array, statistic: object, method: str = "BCa") -> Interval:
+    from scipy.stats import bootstrap
+
+    values = values[np.isfinite(values)]
+    n = len(values)
+    if n == 0:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    estimate = float(statistic(values))  # type: ignore[operator]
+    if n < 2 or np.ptp(values) <= 1e-12 * np.abs(values).max():
+        # One value says nothing about its scatter; equal values have none.
+        return Interval(estimate, *((estimate, estimate) if n > 1 else (np.nan, np.nan)), n)
+    if n >= LARGE and statistic is np.mean:
+        half = 1.959964 * float(values.std(ddof=1)) / np.sqrt(n)
+        return Interval(estimate, estimate - half, estimate + half, n)
+    found = bootstrap(
+        (values,), statistic, confidence_level=CONFIDENCE, n_resamples=RESAMPLES, method=method, vectorized=True, rng=0
+    ).confidence_interval
+    return Interval(estimate, float(found.low), float(found.high), n)
+
+
+def wilson(failures: int, n: int) -> Interval:
+    """A failure rate with its Wilson interval, which says something even when nothing failed.
+
+    Source: Wilson, Journal of the American Statistical Association 22 (1927) 209.
+    """
+    from scipy.stats import binomtest
+
+    if n == 0:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    found = binomtest(int(failures), int(n)).proportion_ci(CONFIDENCE, "wilson")
+    return Interval(failures / n, float(found.low), float(found.high), n)
+
+
+class Sensitivity(NamedTuple):
+    """Sobol indices of each axis."""
+
+    first: list[Interval]
+    total: list[Interval]
+
+
+def sobol(A: Array, B: Array, AB: Array) -> Sensitivity:
+    """First and total order indices with bootstrap intervals.
+
+    Args:
+        A: (n,) scores of the rows of A.
+        B: (n,) of B.
+        AB: (d, n) of A with column i from B.
+    """
+    from scipy.stats import sobol_indices
+
+    n = len(A)
+    if np.ptp(np.concatenate([A, B])) == 0:
+        nothing = [Interval(0.0, 0.0, 0.0, n)] * len(AB)
+        return Sensitivity(nothing, nothing)
+    found = sobol_indices(func={"f_A": A[None], "f_B": B[None], "f_AB": AB[:, None, :]}, n=n)
+    spread = found.bootstrap(confidence_level=CONFIDENCE, n_resamples=999)
+
+    def intervals(values: Array, limits: object) -> list[Interval]:
+        low, high = np.ravel(limits.confidence_interval.low), np.ravel(limits.confidence_interval.high)  # type: ignore[attr-defined]
+        return [Interval(*map(float, row), n) for row in zip(np.ravel(values), low, high, strict=True)]
+
+    return Sensitivity(
+        intervals(found.first_order, spread.first_order), intervals(found.total_order, spread.total_order)
+    )
+
+
+class GroupedMean(NamedTuple):
+    """Means of groups that are numbered 0, 1, ..."""
+
+    mean: Array
+    low: Array
+    high: Array
+    n: NDArray[np.int64]
+
+
+def grouped_mean(group: NDArray[np.int64], values: Array, groups: int) -> GroupedMean:
+    """Means with intervals for many groups at once: Student's t, NaN left out, NaN where a group is empty."""
+    from scipy.stats import t
+
+    there = np.isfinite(values)
+    group, values = group[there], values[there]
+    n = np.bincount(group, minlength=groups)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.bincount(group, values, groups) / n
+        variance = np.bincount(group, (values - mean[group]) ** 2, groups) / (n - 1)
+        half = t.ppf(0.5 + 0.5 * CONFIDENCE, np.maximum(n - 1, 1)) * np.sqrt(variance / n)
+    return GroupedMean(mean, mean - half, mean + half, n)

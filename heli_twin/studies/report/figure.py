@@ -1,0 +1,115 @@
+"""Figures as values: what is shown, not how. One description makes the interactive picture and the printed one."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Curve(NamedTuple):
+    """Points, or a line through them, with a band."""
+
+    label: str
+    x: Array
+    y: Array
+    low: Array | None = None
+    high: Array | None = None
+    style: str = "line"
+    """`line`, `points`, `steps` or `dashes`."""
+    commands: Sequence[str] = ()
+    """For each point, what flies it again."""
+    color: int = 0
+
+
+class Bars(NamedTuple):
+    """Bars by name, from `start` to `start + length`, with intervals about their ends."""
+
+    label: str
+    names: Sequence[str]
+    start: Array
+    length: Array
+    low: Array | None = None
+    high: Array | None = None
+    commands: Sequence[str] = ()
+    color: int = 0
+
+
+class Dots(NamedTuple):
+    """A value with its interval for each name; a text beside it."""
+
+    label: str
+    names: Sequence[str]
+    value: Array
+    low: Array
+    high: Array
+    texts: Sequence[str] = ()
+    commands: Sequence[str] = ()
+    color: int = 0
+
+
+class Heat(NamedTuple):
+    """A map, with the contour where half of the flights fail."""
+
+    x: Array
+    y: Array
+    values: Array
+    """(len(y), len(x)); NaN where nothing completed."""
+    unit: str
+    failure: Array | None = None
+    """Failure rate, the same shape."""
+    diverging: bool = False
+    """Centred on zero."""
+    limits: tuple[float, float] | None = None
+    commands: Sequence[Sequence[str]] = ()
+
+
+Mark = Curve | Bars | Dots | Heat
+
+
+class Panel(NamedTuple):
+    """One pair of axes."""
+
+    title: str
+    x_label: str
+    y_label: str
+    marks: Sequence[Mark]
+    x_log: bool = False
+    y_log: bool = False
+    x_names: Sequence[str] = ()
+    """Names of the places 0, 1, ... on the x axis, if it has no numbers."""
+
+
+class Figure(NamedTuple):
+    """A figure of the report."""
+
+    name: str
+    """Of its file."""
+    title: str
+    sentence: str
+    """What it shows."""
+    panels: Sequence[Panel]
+
+
+class Table(NamedTuple):
+    """A table of the report."""
+
+    title: str
+    sentence: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    codes: Sequence[int] = ()
+    """Columns that hold commands."""
+
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
+"""Okabe and Ito's, which colour-blind readers can tell apart."""
+FAILURE = 0.5
+"""The failure rate that the contour marks."""
+
+
+def color(number: int) -> str:
+    """The colour of the n-th alternative."""
+    return COLORS[number % len(COLORS)]

@@ -1,0 +1,120 @@
+"""The rows of a study as columns of numbers, for the sections of the report."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_twin.studies.columns import COMPLETED
+from heli_twin.studies.report.figure import Array
+from heli_twin.studies.results import read_results
+from heli_twin.studies.store import Store
+from heli_twin.studies.study import Study, study_of
+
+NEEDED = ("id", "outcome", "outcome_text", "alternative", "point", "replicate", "seed", "effort", "controller.period")
+DESIGN = ("rung", "height", "varied", "level", "matrix", "sample", "axis", "share", "value", "found_by", "trial")
+TIMES = ("solve_ms.p50", "solve_ms.p99", "solve_ms.max", "control_step_ms.p99", "control_step_ms.max")
+
+
+@dataclass(frozen=True)
+class Results:
+    """A study's rows, column by column."""
+
+    folder: Path
+    study: Study
+    about: Mapping[str, Any]
+    columns: Mapping[str, NDArray[Any]]
+
+    def __len__(self) -> int:
+        return len(self.columns["id"])
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """A column; all missing where no flight has it."""
+        return self.columns.get(name, np.full(len(self), np.nan))
+
+    def where(self, mask: NDArray[np.bool_]) -> "Results":
+        """Some of the rows."""
+        return replace(self, columns={name: column[mask] for name, column in self.columns.items()})
+
+    def of(self, alternative: str) -> "Results":
+        """The rows of one alternative."""
+        return self.where(self["alternative"] == alternative)
+
+    @cached_property
+    def alternatives(self) -> list[str]:
+        """What is compared, in the order of the study."""
+        names, first = np.unique(self["alternative"].astype(str), return_index=True)
+        return [str(names[i]) for i in np.argsort(first)]
+
+    @cached_property
+    def failed(self) -> NDArray[np.bool_]:
+        """Which flights did not complete."""
+        return self["outcome"] != COMPLETED
+
+    @cached_property
+    def axes(self) -> list[str]:
+        """What is swept, but the alternatives."""
+        return [path for path in self.study.axes if path in self.columns and self.is_axis(path)]
+
+    def is_axis(self, path: str) -> bool:
+        """Whether a column is swept within an alternative."""
+        names, column = self["alternative"], self[path]
+        return not (column.dtype == object and bool(np.all(column == names)))
+
+    def is_number(self, path: str) -> bool:
+        """Whether an axis has numbers."""
+        return self[path].dtype != object
+
+    def metric(self, name: str) -> Array:
+        """A metric of the flights that completed; NaN for the others, which `failed` counts."""
+        return np.where(self.failed, np.nan, self[name].astype(float))
+
+    @property
+    def penalised(self) -> Array:
+        """The score, with the study's penalty for those that failed."""
+        score = self[self.study.score].astype(float)
+        return np.where(self.failed | np.isnan(score), self.study.penalty, score)
+
+    def command(self, row: int) -> str:
+        """What flies a row again."""
+        return f"heli-twin study fly {self.folder} {self['id'][row]}"
+
+
+def results_of(folder: Path) -> Results:
+    """The rows of a study's folder.
+
+    Raises:
+        StudyError: There are none.
+    """
+    with Store(folder) as store:
+        about = store.about()
+    study = study_of(about["study"])
+    wanted = [*NEEDED, *DESIGN, *TIMES, *study.axes, study.score, *study.metrics, *_criteria(study)]
+    table = read_results(folder, list(dict.fromkeys(wanted)))
+    columns = {name: _column(table.column(name)) for name in table.column_names}
+    return Results(folder, study, about, columns)
+
+
+def _criteria(study: Study) -> list[str]:
+    return list(getattr(study.design, "criteria", ()))
+
+
+def _column(column: Any) -> NDArray[Any]:
+    """Numbers as floats with NaN for nothing; anything else as objects."""
+    import pyarrow as pa
+
+    if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
+        return column.cast(pa.float64()).to_numpy(zero_copy_only=False)
+    if pa.types.is_string(column.type):
+        coded = column.combine_chunks().dictionary_encode()
+        coded = coded.combine_chunks() if isinstance(coded, pa.ChunkedArray) else coded
+        words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+        return words[np.asarray(coded.indices.fill_null(-1))]
+    return np.array(column.to_pylist(), dtype=object)

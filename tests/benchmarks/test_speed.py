@@ -1,0 +1,125 @@
+"""How fast it is: `pytest tests/benchmarks --benchmark-only`. Nothing here can fail for being slow.
+
+Run it on an idle machine; `--benchmark-json FILE` keeps every round. The peer of the solver runs in the same process on
+the same problems, so that their ratio holds on a noisy machine too.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import osqp
+import pytest
+from scipy import sparse
+from threadpoolctl import threadpool_limits
+
+from controllers.condensed_qp import CondensedQp
+from controllers.laws.ltv_mpc import LtvMpc
+from controllers.proxqp import ProxQp
+from controllers.reference import ReferencePreview
+from controllers.signals import Estimate, Reference
+from controllers.trajectories.circle import Circle
+from heli_twin import Experiment, fly, load
+
+PERIOD = 20_000_000
+STEPS = 500
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> Iterator[None]:
+    with threadpool_limits(limits=1):
+        yield
+
+
+def circle(law: LtvMpc) -> list[tuple[Estimate, Reference]]:
+    """What a controller is given on the circle, with estimation errors of the size the lab has."""
+    preview, rng = ReferencePreview(Circle(), law.model, PERIOD, 0), np.random.default_rng(0)
+    scatter = np.array([0.01, 0.01, 0.002, 0.01, 0.02, 0.02, 0.01, 0.1])
+    given = []
+    for k in range(STEPS):
+        reference = preview(k * PERIOD, law.steps)
+        x = reference.x[0] + scatter * rng.standard_normal(8)
+        given.append((Estimate(k * PERIOD, x, np.zeros(4), np.zeros((4, 3)), k * PERIOD, 0), reference))
+    return given
+
+
+def problems(law: LtvMpc) -> list[CondensedQp]:
+    """The QPs of those steps, each on its own memory."""
+    controller = law.start()
+    copies = []
+    for estimate, reference in circle(law):
+        _, qp = controller.problem(estimate, reference)
+        copies.append(CondensedQp(*(part.copy() for part in qp)))
+        controller.step(estimate.stamp, estimate, reference)
+    return copies
+
+
+def test_control_step_on_the_circle(benchmark):
+    law = LtvMpc()
+    given, controller = circle(law), law.start()
+    upcoming = iter(given * 20)
+
+    def step() -> None:
+        estimate, reference = next(upcoming)
+        controller.step(estimate.stamp, estimate, reference)
+
+    benchmark.pedantic(step, rounds=5000, warmup_rounds=100)
+    benchmark.extra_info["p99_ms"] = 1e3 * np.percentile(benchmark.stats.stats.data, 99)
+
+
+def test_solve_with_proxqp(benchmark):
+    law = LtvMpc()
+    upcoming, solver = iter(problems(law) * 10), ProxQp(law.steps)
+    benchmark.pedantic(lambda: solver(next(upcoming)), rounds=4000, warmup_rounds=100)
+
+
+def test_solve_with_osqp(benchmark):
+    """The peer: warm-started OSQP on the same problems, to the same absolute tolerance."""
+    law = LtvMpc()
+    qps = problems(law)
+    n, m = len(qps[0].g), len(qps[0].C)
+    full = sparse.csc_matrix(np.ones((m + n, n)))
+    upper = sparse.triu(np.ones((n, n)), format="csc")
+    solver = osqp.OSQP()
+    first = qps[0]
+    columns = np.tril_indices(n)
+
+    def bounds(qp: CondensedQp) -> tuple[np.ndarray, np.ndarray]:
+        return np.concatenate([qp.v_low, qp.u_low]), np.concatenate([qp.v_high, qp.u_high])
+
+    def rows(qp: CondensedQp) -> np.ndarray:
+        return np.vstack([qp.C, np.eye(n)]).T.ravel()
+
+    low, high = bounds(first)
+    full.data[:] = rows(first)
+    upper.data[:] = first.H.T[columns]
+    solver.setup(upper, first.g, full, low, high, eps_abs=1e-5, eps_rel=0.0, verbose=False, polishing=False)
+    upcoming = iter(qps * 10)
+
+    def solve() -> None:
+        qp = next(upcoming)
+        low, high = bounds(qp)
+        solver.update(q=qp.g, l=low, u=high, Px=qp.H.T[columns], Ax=rows(qp))
+        solver.solve(raise_error=False)
+
+    benchmark.pedantic(solve, rounds=2000, warmup_rounds=50)
+
+
+def test_infeasible_starts(benchmark):
+    """Random starts, nine in ten of them outside the velocity limits; look at the maximum."""
+    law, rng = LtvMpc(), np.random.default_rng(0)
+    reference = ReferencePreview(Circle(), law.model, PERIOD, 0)(0, law.steps)
+    spread = np.array([2, 2, 2, 6, 6, 6, 4, 40])
+
+    def start() -> tuple[tuple, dict]:
+        x = spread * rng.uniform(-1.0, 1.0, 8)
+        return (law.start(), Estimate(0, x, np.zeros(4), np.zeros((4, 3)), 0, 0)), {}
+
+    benchmark.pedantic(lambda controller, estimate: controller.step(0, estimate, reference), setup=start, rounds=1000)
+
+
+@pytest.mark.parametrize("preset", ["lab", "ideal"])
+def test_whole_flight(benchmark, preset, tmp_path):
+    """30 s with every wire recorded to a file."""
+    experiment: Experiment = load(preset)
+    result = benchmark.pedantic(fly, args=(experiment,), kwargs={"log_dir": tmp_path}, rounds=5, warmup_rounds=1)
+    benchmark.extra_info["real_time_factor"] = result.real_time_factor
