@@ -26,7 +26,7 @@ def smooth_start(t: Array, ramp: float) -> Pace:
     """
     if ramp <= 0.0:
         return t, np.ones_like(t), np.zeros_like(t)
-    q = np.clip(t / ramp, 0.0, 1.0)
+    q = np.clip(t, 0.0, ramp) / ramp
     return (
         ramp * (q**3 - 0.5 * q**4) + np.maximum(t - ramp, 0.0),
         q * q * (3.0 - 2.0 * q),

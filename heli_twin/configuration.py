@@ -103,7 +103,7 @@ def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
 
 
 def _names_a_kind(path: str, value: Any) -> bool:
-    return path.endswith(".kind") or ("." not in path and isinstance(value, str))
+    return path.endswith(".kind") or ("." not in path and isinstance(value, str | dict))
 
 
 def _read(source: str) -> Tree:
@@ -138,10 +138,22 @@ def _override(text: str) -> tuple[str, Any]:
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
         raise ExperimentError(f"'{text}' is not an override: write path.to.field=value, such as plant.mass=0.03")
+    if value.strip().endswith(".toml"):
+        return path.strip(), _table_in(value.strip(), path.strip())
     try:
         return path.strip(), tomllib.loads(f"v = {value}")["v"]
     except _NOT_TOML:
         return path.strip(), value.strip()
+
+
+def _table_in(file: str, path: str) -> Tree:
+    """The table that stands at a dotted path in a TOML file."""
+    table: Any = _read(file)
+    for key in path.split("."):
+        table = table.get(key) if isinstance(table, dict) else None
+    if not isinstance(table, dict):
+        raise ExperimentError(f"{file} has no table [{path}]")
+    return table
 
 
 def put(tree: Tree, path: str, value: Any) -> None:

@@ -16,7 +16,7 @@ from heli_twin.recording import Log
 
 GRID = 0.01
 """Spacing of the grid that poses are brought to, s."""
-WINDOW = 0.5
+WINDOW = 0.4
 """Length of the window, s: longer than the helicopter's lags, shorter than its manoeuvres."""
 ROW = 0.1
 """Spacing of the rows of the regression, s."""
@@ -35,8 +35,8 @@ class Equation(NamedTuple):
 
     accel: Array
     """(n,) acceleration; in z with gravity added."""
-    input: Callable[[float], Array]
-    """From a delay, s, to the (n,) inputs that arrive so late."""
+    input: Callable[[float, float], Array]
+    """From a delay and the part of it that is a first-order lag, s, to the (n,) inputs as they act."""
     speed: Array | None
     """(n,) what damping acts on; None in z."""
     push: Array
@@ -79,7 +79,7 @@ def _clean(log: Log) -> tuple[Array, Array]:
     q = log.pose.quat_wxyz[first]
     pose = np.column_stack([log.pose.position[first], np.zeros((len(q), 2))])
     finite = np.isfinite(pose).all(axis=1) & np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1, initial=0) > 0.1)
-    pose, t = pose[finite], 1e-9 * stamp[finite]
+    pose, t = pose[finite], 1e-9 * stamp[finite].astype(np.float64)
     w, x, y, z = (q[finite] / np.linalg.norm(q[finite], axis=1, keepdims=True)).T
     pose[:, 3] = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
     pose[:, 4] = 1.0 - 2.0 * (x * x + y * y)
@@ -103,23 +103,29 @@ def _stretch(name: str, t: Array, pose: Array, log: Log) -> Stretch:
     every = round(ROW / GRID)
 
     def seen(signal: Array) -> Array:
-        return np.convolve(signal, window, "valid")[::every]
+        return np.asarray(np.convolve(signal, window, "valid")[::every], np.float64)
 
     heading = np.convolve(np.pad(yaw, len(window) // 2, mode="edge"), window, "valid")[1:-1]
     c, s, up = np.cos(heading), np.sin(heading), upright[1:-1]
     (vx, vy, _, r), (ax, ay, az, ar) = zip(*map(_derivatives, (x, y, z, yaw)), strict=True)
     still = np.ones_like(c)
     sent = _Sent(log, t)
-    hover = float(np.mean(sent(2, 0.0) * up))
+    hover = float(np.mean(sent(2, 0.0, 0.0) * up))
 
-    def tilting(axis: int) -> Callable[[float], Array]:
-        return lambda delay: seen(sent(axis, delay))
+    def tilting(axis: int) -> Callable[[float, float], Array]:
+        return lambda delay, lag: seen(sent(axis, delay, lag) * sent(2, delay, lag) / hover)
+
+    def lifting(delay: float, lag: float) -> Array:
+        return seen(sent(2, delay, lag) * up)
+
+    def turning(delay: float, lag: float) -> Array:
+        return seen(sent(3, delay, lag))
 
     axes = {
         "x": Equation(seen(c * ax + s * ay), tilting(0), seen(c * vx + s * vy), np.column_stack([seen(c), seen(s)])),
         "y": Equation(seen(c * ay - s * ax), tilting(1), seen(c * vy - s * vx), np.column_stack([seen(c), seen(-s)])),
-        "z": Equation(seen(az + GRAVITY), lambda d: seen(sent(2, d) * up), None, seen(still)[:, None]),
-        "yaw": Equation(seen(ar), lambda d: seen(sent(3, d)), seen(r), seen(still)[:, None]),
+        "z": Equation(seen(az + GRAVITY), lifting, None, seen(still)[:, None]),
+        "yaw": Equation(seen(ar), turning, seen(r), seen(still)[:, None]),
     }
     return Stretch(name, seen(t[1:-1]), axes)
 
@@ -136,9 +142,23 @@ class _Sent:
     def __init__(self, log: Log, t: Array) -> None:
         changes = 1e-9 * log.sent.time
         self._edges = np.append(changes, changes[-1] + np.median(np.diff(changes)))
-        self._integral = np.vstack([np.zeros(4), np.cumsum(log.sent.u * np.diff(self._edges)[:, None], axis=0)])
+        self._u = log.sent.u
+        self._integral = np.vstack([np.zeros(4), np.cumsum(self._u * np.diff(self._edges)[:, None], axis=0)])
         self._bounds = np.append(t[1:-1], t[-1]) - 0.5 * GRID
 
-    def __call__(self, axis: int, delay: float) -> Array:
-        """Input number `axis` (n,) that arrives `delay` s late."""
-        return np.diff(np.interp(self._bounds - delay, self._edges, self._integral[:, axis])) / GRID
+    def __call__(self, axis: int, delay: float, lag: float) -> Array:
+        """Input number `axis` (n,) that acts `delay` s late, of which `lag` s are a first-order lag."""
+        t = self._bounds - (delay - lag)
+        integral = np.interp(t, self._edges, self._integral[:, axis])
+        if lag > 0.0:
+            # lag s' = u - s: the integral of the lagged input s is that of u, less lag s.
+            integral -= lag * self._lagged(axis, lag, t)
+        return np.diff(integral) / GRID
+
+    def _lagged(self, axis: int, lag: float, t: Array) -> Array:
+        u = self._u[:, axis]
+        reached = [float(u[0])]
+        for target, fade in zip(u.tolist(), np.exp(-np.diff(self._edges) / lag).tolist(), strict=True):
+            reached.append(target + (reached[-1] - target) * fade)
+        i = np.clip(np.searchsorted(self._edges, t, side="right") - 1, 0, len(u) - 1)
+        return u[i] + (np.array(reached)[i] - u[i]) * np.exp(-np.maximum(t - self._edges[i], 0.0) / lag)

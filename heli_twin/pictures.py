@@ -1,13 +1,19 @@
-"""What a viewer needs to know of an experiment, and where `--rerun` sends its pictures."""
+"""What a viewer needs to know of an experiment, what tells two apart, and where pictures go."""
 
+import json
+import reprlib
+from collections.abc import Iterator, Sequence
+from itertools import starmap
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from controllers.signals import Array
+from heli_twin.configuration import from_json, tree_of
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
+from heli_twin.recording import Log, read_log
 
 if TYPE_CHECKING:
     from heli_twin.recording.layout import Scales
@@ -46,3 +52,90 @@ def sink(where: str) -> "Sink":
     if where.endswith(".rrd"):
         return Sink(file=Path(where))
     raise HeliTwinError(f"'{where}' is no place for pictures: give spawn, connect, or a file that ends in .rrd")
+
+
+class Flights(NamedTuple):
+    """One or two flights to show, with what they need to be shown."""
+
+    logs: Sequence[Log]
+    experiments: Sequence[Experiment]
+    names: Sequence[str]
+
+    @property
+    def duration(self) -> float:
+        """Of the longest, s."""
+        return 1e-9 * max(int(log.truth.time[-1]) if len(log.truth.time) else 0 for log in self.logs)
+
+    def show(self, where: "Sink") -> None:
+        """Show one, or two in one scene.
+
+        Raises:
+            LogError: Nothing is there to show it.
+        """
+        from heli_twin.recording.comparison import Difference, Run, show_both
+        from heli_twin.recording.rerun_bridge import show
+
+        if len(self.logs) == 1:
+            show(self.logs[0], where, scales(self.experiments[0]))
+        else:
+            a, b = (Run(log, scales(e), name) for log, e, name in zip(*self, strict=True))
+            show_both(a, b, [*starmap(Difference, differences(*self.experiments))], where)
+
+
+def flights(paths: Sequence[Path]) -> Flights:
+    """Read logs to show.
+
+    Raises:
+        LogError: A log cannot be read.
+        ExperimentError: It was flown by another version, whose experiment this one does not know.
+    """
+    logs = [read_log(path) for path in paths]
+    return Flights(logs, [from_json(log.experiment) for log in logs], [path.name for path in paths])
+
+
+def snapshot(shown: Flights, file: Path, at: float | None, size: tuple[int, int]) -> None:
+    """Write a picture of flights at one moment (s), by default the end, without a screen; size in pixels.
+
+    Raises:
+        HeliTwinError: There is no such moment, nothing to draw with, or the file cannot be written.
+    """
+    from heli_twin.recording.rerun_bridge import Sink
+    from heli_twin.recording.viewer import picture
+
+    if file.suffix != ".png":
+        raise HeliTwinError(f"cannot write {file}: give the picture a name that ends in .png")
+    end = shown.duration
+    at = end if at is None else at
+    if not 0 <= at <= end:
+        raise HeliTwinError(f"nothing was recorded at {at:g} s: give --at a time from 0 to {end:g} s")
+    png = picture(lambda port: shown.show(Sink(port=port)), at, size)
+    try:
+        file.write_bytes(png)
+    except OSError as error:
+        raise HeliTwinError(f"cannot write {file}: {error.strerror}") from None
+
+
+def differences(a: Experiment, b: Experiment) -> list[tuple[str, str, str]]:
+    """Every field in which two experiments differ: its dotted path, and its value in each as text.
+
+    Of a part that is of another kind only the kind is told; its fields have nothing in common.
+    """
+    return [*_differences(tree_of(a), tree_of(b), "")]
+
+
+def _differences(a: dict[str, Any], b: dict[str, Any], here: str) -> Iterator[tuple[str, str, str]]:
+    if a.get("kind") != b.get("kind"):
+        yield here[:-1], str(a["kind"]), str(b["kind"])
+        return
+    for name in dict.fromkeys([*a, *b]):
+        path, of_a, of_b = here + name, a.get(name), b.get(name)
+        if of_a is None or of_b is None:
+            yield path, "off" if of_a is None else "on", "off" if of_b is None else "on"
+        elif isinstance(of_a, dict) and isinstance(of_b, dict):
+            yield from _differences(of_a, of_b, f"{path}.")
+        elif of_a != of_b:
+            yield path, _text(of_a), _text(of_b)
+
+
+def _text(value: Any) -> str:
+    return reprlib.repr(value) if isinstance(value, list) else json.dumps(value)

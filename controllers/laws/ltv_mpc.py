@@ -99,17 +99,16 @@ class LtvMpcController:
         error = estimate.x[:2] - reference.x[0, :2]
         self._integral += (0.5 * spec.k_i * spec.period) * (error + self._last_error)
         self._last_error = error
-        u_nominal = self._u_nominal
-        if u_nominal is None:
-            u_nominal = np.clip(reference.u, self._limits.u_min, self._limits.u_max)
         x_ref = np.zeros((spec.steps + 1, N_STATES))
         x_ref[:, :8] = reference.x
         # The estimate counts turns from the first pose it saw, the plan from its own start.
         x_ref[:, 3] += 2.0 * pi * round((estimate.x[3] - reference.x[0, 3]) / (2.0 * pi))
-        push = self._cancelled * estimate.disturbance
-        u_ref = reference.u
+        push, u_ref = self._cancelled * estimate.disturbance, reference.u
         if push.any():
             u_ref = u_ref - _as_input(spec.model, push, reference.x[:-1, 3])
+        u_nominal = self._u_nominal
+        if u_nominal is None:
+            u_nominal = np.clip(u_ref, self._limits.u_min, self._limits.u_max)
         ltv = linearise(
             spec.model,
             spec.k_i,

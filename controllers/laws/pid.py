@@ -24,7 +24,8 @@ class Pid:
     0.5 rad under gusts (22 s, two seeds). Ziegler and Nichols' rules (z had no ultimate gain: 1.0, 0.5) gave p and d
     to start from: 0.96, 0.43 ahead, 0.78, 0.38 to port, 0.39, 0.039 in heading. They were scaled, by 2 down to 1.12,
     as long as that lowered the cost that the MPC minimises, (26) with (30) without the integral states, with
-    i = p^2 / (8 d): 37 trials. All gains of an axis can be doubled before it oscillates; a step overshoots by 10 %.
+    i = p^2 / (8 d): 37 trials, then rounded. All gains of an axis can be doubled before it oscillates; a step
+    overshoots by a tenth.
     """
 
     kind: Literal["pid"] = "pid"

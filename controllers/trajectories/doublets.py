@@ -21,7 +21,8 @@ class Doublets:
     a doublet of the inputs, about hover: in open loop the helicopter would leave the cameras' view. The edges are
     ramps, slow enough for what the paper's model leaves out, and smooth enough to be a flat output.
 
-    The defaults use what the believed limits leave: 0.8 of full stick in the plane, where gusts need the rest, and 1.6 m to each side.
+    The defaults use what the believed limits leave: 0.8 of full stick in the plane, the rest is for gusts, and 1.6 m to
+    each side.
     """
 
     kind: Literal["doublets"] = "doublets"

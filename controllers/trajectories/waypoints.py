@@ -17,6 +17,8 @@ from controllers.splines import knot_motion, quintic
 Point = tuple[float, float, float, float]
 """x, y, height (m) and heading (rad)."""
 
+_SHORTEST = 0.1
+"""s, between two points that are the same."""
 _LONGEST = 1000.0
 """s; a model that needs longer between two points cannot fly at all, and the check of the flight says why."""
 
@@ -92,10 +94,10 @@ def _shortest(points: Array, legs: Array, spec: Waypoints, model: Model) -> floa
         t = times[-1] * np.arange(64 * len(legs) + 1) / (64 * len(legs))
         return _demand(_curve(t, times, points, spec.corners), model) <= spec.effort
 
-    low, high = 0.0, 0.1
+    low, high = 0.0, _SHORTEST
     while not fits(high) and high < _LONGEST:
         low, high = high, 2.0 * high
-    while high - low > 1e-3 * high:
+    while low > 0.0 and high - low > 1e-3 * high:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if fits(middle) else (middle, high)
     return high

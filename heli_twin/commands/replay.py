@@ -1,4 +1,4 @@
-"""`heli-twin replay`: a recorded flight in Rerun."""
+"""`heli-twin replay`: a recorded flight in Rerun, or two side by side."""
 
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
@@ -12,13 +12,17 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         subparsers,
         "replay",
         run,
-        "show a recorded flight in Rerun",
-        "Show a recorded flight in Rerun, the same picture as while it was flown.",
+        "show a recorded flight in Rerun, or two in one scene",
+        "Show a recorded flight in Rerun, the same picture as while it was flown.\n"
+        "Of two logs both helicopters fly in one scene, A blue and B pink; the plots hold the errors of both and\n"
+        "how far B is from A, and a table says what differs between the experiments.",
         "  heli-twin replay logs/RUN.mcap\n"
         "  heli-twin replay logs/RUN.mcap --save flight.rrd\n"
+        "  heli-twin replay logs/A.mcap logs/B.mcap\n"
         "  heli-twin replay logs/RUN.mcap --connect",
     )
     parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin recorded")
+    parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="a second one to compare it with")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--spawn", action="store_true", help="start a viewer (the default)")
     where.add_argument("--connect", action="store_true", help="show it in a viewer that is running")
@@ -27,14 +31,10 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Show it."""
-    from heli_twin.configuration import from_json
-    from heli_twin.pictures import scales, sink
-    from heli_twin.recording import read_log
-    from heli_twin.recording.rerun_bridge import show
+    from heli_twin.pictures import flights, sink
 
-    log = read_log(parsed.log)
     where = parsed.save or ("connect" if parsed.connect else "spawn")
-    show(log, sink(where), scales(from_json(log.experiment)))
+    flights([path for path in (parsed.log, parsed.other) if path]).show(sink(where))
     if parsed.save:
         print(f"wrote {parsed.save}: open it with `rerun {parsed.save}`")
     return 0

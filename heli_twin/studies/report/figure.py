@@ -25,7 +25,7 @@ class Curve(NamedTuple):
 
 
 class Bars(NamedTuple):
-    """Bars by name, from `start` to `start + length`, with intervals about their ends."""
+    """Bars by name, from `start` to `start + length`, with intervals about their ends; bars that go down are grey."""
 
     label: str
     names: Sequence[str]
@@ -106,8 +106,15 @@ class Table(NamedTuple):
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
 """Okabe and Ito's, which colour-blind readers can tell apart."""
+DOWN = "#999999"
+"""The colour of bars that go down."""
 FAILURE = 0.5
 """The failure rate that the contour marks."""
+
+
+def shades(bars: Bars) -> list[str]:
+    """The colour of each bar."""
+    return [color(bars.color) if length >= 0 else DOWN for length in bars.length]
 
 
 def color(number: int) -> str:

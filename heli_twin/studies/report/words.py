@@ -39,7 +39,7 @@ class Scale(NamedTuple):
 def metric(name: str) -> Scale:
     """How a metric is shown."""
     stem, _, axis = name.partition(".")
-    text = f"{NAMES.get(stem, stem.replace('_', ' '))} {axis}".strip()
+    text = _name(NAMES.get(stem, stem.replace("_", " ")), axis)
     if stem in LENGTHS:
         return Scale(text, "deg", 180 / np.pi) if axis == "yaw" else Scale(text, "cm", 100.0)
     if stem == "mse":
@@ -47,6 +47,12 @@ def metric(name: str) -> Scale:
     if stem.endswith("_ms"):
         return Scale(f"{stem[:-3].replace('_', ' ')} {axis}", "ms", 1.0)
     return Scale("largest tilt", "deg", 180 / np.pi) if name == "tilt.max" else Scale(text, "", 1.0)
+
+
+def _name(stem: str, axis: str) -> str:
+    if axis == "position":
+        return stem.replace("error", "position error")
+    return f"{stem} in {axis}" if axis in ("x", "y", "z", "yaw") else f"{stem} {axis}".strip()
 
 
 def field(path: str, values: Sequence[float] = ()) -> Scale:
@@ -83,7 +89,7 @@ def interval(found: Interval, factor: float = 1.0, unit: str = "") -> str:
     if not np.isfinite(found.value):
         return "-"
     text = number(found.value * factor)
-    if np.isfinite(found.low):
+    if found.low < found.high:
         text += f" [{number(found.low * factor)}, {number(found.high * factor)}]"
     return f"{text} {unit}".rstrip()
 

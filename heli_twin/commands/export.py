@@ -1,0 +1,31 @@
+"""`heli-twin export`: a log as Parquet files."""
+
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+
+from heli_twin.commands import command
+
+
+def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command."""
+    parser = command(
+        subparsers,
+        "export",
+        run,
+        "write a log as Parquet files, one a topic",
+        "Write a log as Parquet files that Polars, DuckDB and pandas read, one a topic.",
+        "  heli-twin export logs/RUN.mcap --parquet tables\n"
+        "  duckdb -c \"select time, position[3] as z from 'tables/truth.parquet'\"",
+    )
+    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin recorded")
+    parser.add_argument("--parquet", type=Path, metavar="DIR", required=True, help="folder for the files")
+
+
+def run(parsed: Namespace) -> int:
+    """Write them."""
+    from heli_twin.recording import read_log
+    from heli_twin.tables import write_parquet
+
+    for path, rows in write_parquet(read_log(parsed.log), parsed.parquet):
+        print(f"{path}: {rows} rows")
+    return 0

@@ -1,0 +1,81 @@
+"""`heli-twin recover`: save what is good of a broken log."""
+
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from heli_twin.commands import command
+
+if TYPE_CHECKING:
+    from heli_twin.recording import Log
+
+GAP = 3
+"""Control periods without a message that count as lost."""
+
+
+def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command."""
+    parser = command(
+        subparsers,
+        "recover",
+        run,
+        "save what is good of a log that broke off or was damaged",
+        "Copy everything that passes its checksum into a new log, NAME.mcap of NAME.mcap.part and NAME.recovered.mcap\n"
+        "of NAME.mcap, and say what was saved and what was lost. The broken file stays as it is.",
+        "  heli-twin recover logs/RUN.mcap.part\n  heli-twin recover logs/RUN.mcap",
+    )
+    parser.add_argument("log", type=Path, metavar="BROKEN.mcap[.part]", help="a log that cannot be read")
+
+
+def run(parsed: Namespace) -> int:
+    """Recover it."""
+    from heli_twin.recording import recover
+    from heli_twin.refly import opened
+
+    path = recover(parsed.log)
+    log = opened(path)
+    print(f"saved {path}: {saved(log)}\nlost  {lost(log)}")
+    return 0
+
+
+def saved(log: "Log") -> str:
+    """What a recovered log holds, one sentence."""
+    count = sum(len(topic.times) for topic in log.messages.values())
+    return f"{1e-9 * _end(log):.2f} s of flight, {count} messages, and what was flown"
+
+
+def lost(log: "Log") -> str:
+    """What a recovered log lacks, one sentence."""
+    from heli_twin.configuration import ExperimentError
+    from heli_twin.refly import flown_experiment
+
+    missing = [f"{1e-9 * (b - a):.2f} s from {1e-9 * a:.2f} s on" for a, b in _gaps(log)]
+    try:
+        left = flown_experiment(log).duration - 1e-9 * _end(log)
+    except ExperimentError:
+        left = 0.0
+    if log.outcome == "interrupted":
+        missing.append(
+            f"how the flight ended (its outcome is now `interrupted`), and what it flew of the remaining {left:.2f} s:"
+            " at most the last 0.5 s before it broke off"
+        )
+    return "; ".join(missing) or "nothing"
+
+
+def _end(log: "Log") -> int:
+    """Time of the last message, ns."""
+    return max((topic.times[-1] for topic in log.messages.values() if len(topic.times)), default=0)
+
+
+def _gaps(log: "Log") -> list[tuple[int, int]]:
+    """From when to when (ns) the truth, or else the poses, of a flight were not recorded."""
+    import numpy as np
+
+    times = log.truth.time if len(log.truth.time) else log.pose.time
+    if len(times) < GAP:
+        return []
+    steps = np.diff(times, prepend=0)
+    limit = GAP * np.median(steps)
+    gaps = [(int(times[i] - steps[i]), int(times[i])) for i in np.flatnonzero(steps > limit)]
+    end = int(log.ending.get("time", "0"))
+    return [*gaps, (int(times[-1]), end)] if end - times[-1] > limit else gaps

@@ -1,0 +1,119 @@
+"""`heli-twin refly`: fly a log's experiment again."""
+
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heli_twin.commands import command
+from heli_twin.commands.info import plain
+
+if TYPE_CHECKING:
+    from heli_twin.refly import Refly
+
+
+def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command."""
+    parser = command(
+        subparsers,
+        "refly",
+        run,
+        "fly a recorded experiment again, as it was or with changes",
+        "Rebuild the experiment from a log alone and fly it. Without changes it says `identical`, or where, when and\n"
+        "in which field the flights first differ: bit for bit on the same host and build, elsewhere within 2 mm and\n"
+        "0.5 deg. With changes it prints both results. Exit code 1 means that the flights differ.",
+        "  heli-twin refly RUN.mcap\n"
+        "  heli-twin refly RUN.mcap controller.horizon=12\n"
+        "  heli-twin refly RUN.mcap plant.mass=0.030 seed=3 --log-dir again",
+    )
+    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin fly recorded")
+    parser.add_argument("overrides", nargs="*", metavar="path.to.field=value", help="what to change")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--log-dir", type=Path, metavar="DIR", help="where the new log goes (default logs/; none without changes)"
+    )
+    where.add_argument("--no-log", action="store_true", help="keep no log")
+
+
+def run(parsed: Namespace) -> int:
+    """Fly it again; the exit code is 1 when an unchanged experiment flew differently."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from heli_twin.configuration import changed
+    from heli_twin.refly import flown_experiment, opened, refly
+
+    log = opened(parsed.log)
+    flown = flown_experiment(log)
+    differs = changed(flown, parsed.overrides) != flown
+    log_dir = None if parsed.no_log else parsed.log_dir or (Path("logs") if differs else None)
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("flying", total=flown.duration)
+        again = refly(log, parsed.overrides, log_dir=log_dir, progress=lambda t: bar.update(task, completed=t))
+    if differs:
+        compare(again)
+    else:
+        judge(again)
+    if again.result.path:
+        print(f"log {again.result.path}")
+    return 0 if differs or again.verdict != "different" else 1
+
+
+def judge(again: "Refly") -> None:
+    """Print whether the second flight is the first."""
+    from heli_twin.refly import HEADING, POSITION, is_recovered
+
+    log, result = again.logged, again.result
+    if again.difference is None:
+        count = sum(len(topic.times) for topic in log.messages.values())
+        end = max((topic.times[-1] for topic in log.messages.values() if len(topic.times)), default=0)
+        part = f"as far as the recovered log goes, {1e-9 * end:.2f} s" if is_recovered(log) else f"{1e-9 * end:g} s"
+        digest = "" if is_recovered(log) else f", digest {result.flight_digest[:16]}"
+        print(f"identical: {count} messages, {part}{digest}")
+    else:
+        topic, time, field, ours, theirs = again.difference
+        print(f"{again.verdict}: first at {1e-9 * time:.3f} s on {topic}, {field}")
+        print(f"  logged      {plain(repr(ours))}\n  flown again {plain(repr(theirs))}")
+        print(
+            f"  the helicopters were at most {1000 * again.position_deviation:.3g} mm and"
+            f" {57.29578 * again.heading_deviation:.3g} deg apart"
+            f" ({plain(log.outcome)}, {result.outcome.kind} again);"
+            f" other hosts and builds may differ by {1000 * POSITION:g} mm and {57.29578 * HEADING:g} deg"
+        )
+    for key, (then, now) in again.platforms.items():
+        print(f"  {plain(key)}: logged {plain(then) or 'none'}, now {plain(now) or 'none'}")
+    if again.difference is not None and not again.platforms:
+        print("  host and build are the same: the log was changed, or the program since the same commit")
+
+
+def compare(again: "Refly") -> None:
+    """Print both results."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from heli_twin.metrics import metrics
+
+    table = Table(title=Text(f"with {' '.join(again.overrides)}"), title_justify="left")
+    for column in ("", "logged", "flown again", "difference"):
+        table.add_column(column, justify="right" if column else "left")
+    logged, now = dict(_flat(metrics(again.logged))), dict(_flat(metrics(again.result.log)))
+    for key in (*now, *(key for key in logged if key not in now)):
+        a, b = logged.get(key), now.get(key)
+        both = isinstance(a, int | float) and isinstance(b, int | float)
+        table.add_row(key, _text(a), _text(b), f"{b - a:+.4g}" if both else "")
+    Console().print(table)
+    print("lengths in m, angles in rad, errors against the truth")
+
+
+def _flat(table: Mapping[str, Any], here: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{here}{key}.")
+        else:
+            yield f"{here}{key}", value
+
+
+def _text(value: Any) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else plain(str(value))

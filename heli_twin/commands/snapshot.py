@@ -1,0 +1,66 @@
+"""`heli-twin snapshot`: a picture of one moment, on a machine without a screen too."""
+
+import argparse
+import re
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from pathlib import Path
+from typing import Any
+
+from heli_twin.commands import command
+
+GREATEST = 8192
+"""Pixels along one side of a picture at most: what software renderers draw."""
+
+
+def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command."""
+    parser = command(
+        subparsers,
+        "snapshot",
+        run,
+        "write a picture of a recorded flight, no screen needed",
+        "Write what `heli-twin replay` shows at one moment as a picture. It needs no screen and no graphics card,\n"
+        "but a driver that draws: on Debian and Ubuntu `apt install mesa-vulkan-drivers`.",
+        "  heli-twin snapshot logs/RUN.mcap --at 12.3 flight.png\n"
+        "  heli-twin snapshot logs/A.mcap logs/B.mcap compared.png --at 12.3 --size 1920x1080",
+    )
+    parser.__class__ = _AnyOrder
+    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin recorded")
+    parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="a second one to compare it with")
+    parser.add_argument("picture", type=Path, metavar="PICTURE.png", help="the file to write")
+    parser.add_argument("--at", type=float, metavar="SECONDS", help="simulated time (default: the end of the flight)")
+    parser.add_argument("--size", type=_size, default="1600x900", metavar="WxH", help="pixels (default 1600x900)")
+
+
+def run(parsed: Namespace) -> int:
+    """Write it."""
+    from heli_twin.pictures import flights, snapshot
+
+    shown = flights([path for path in (parsed.log, parsed.other) if path])
+    snapshot(shown, parsed.picture, at=parsed.at, size=parsed.size)
+    print(f"wrote {parsed.picture}")
+    return 0
+
+
+class _AnyOrder(ArgumentParser):
+    """Takes files before, between and after the options."""
+
+    _inside = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, options first."""
+        if self._inside:
+            return super().parse_known_args(args, namespace)
+        self._inside = True
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._inside = False
+
+
+def _size(text: str) -> tuple[int, int]:
+    sides = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    width, height = (int(side) for side in sides.groups()) if sides else (0, 0)
+    if not (100 <= width <= GREATEST and 100 <= height <= GREATEST):
+        raise argparse.ArgumentTypeError(f"'{text}' is no size: write width x height in pixels, such as 1600x900")
+    return width, height

@@ -1,0 +1,132 @@
+"""Rerun's viewer as a process of this machine: found, started, and photographed without a screen."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from tempfile import TemporaryFile
+from typing import IO
+
+from rerun.experimental import ViewerClient
+
+from heli_twin.recording.layout import TIMELINE
+from heli_twin.recording.schema import LogError
+
+HOST = "127.0.0.1"
+START, DELIVERY = 20.0, 60.0
+"""How long a viewer may take to listen, and to take in a flight, s."""
+SETTLING = 0.7
+"""How long the viewer's last frames may still change after the time was set, s: plots fade to their final range."""
+
+
+def url(port: int) -> str:
+    """Where a viewer on this port takes data."""
+    return f"rerun+http://{HOST}:{port}/proxy"
+
+
+def listens(port: int) -> bool:
+    """Whether somebody listens there."""
+    try:
+        with socket.create_connection((HOST, port), timeout=0.2):
+            return True
+    except OSError:
+        return False
+
+
+def spawn(port: int) -> bool:
+    """Start a viewer of its own that only this machine can reach; whether it listens."""
+    viewer = _start(port, "--expect-data-soon", output=subprocess.DEVNULL)
+    return _comes_up(viewer, port)
+
+
+def picture(show: Callable[[int], None], at: float, size: tuple[int, int]) -> bytes:
+    """A PNG of a flight at one moment, from a viewer without a window that is gone afterwards.
+
+    Args:
+        show: Sends the flight to the viewer on the port that it is given.
+        at: Simulated time, s.
+        size: Width and height, pixels.
+
+    Raises:
+        LogError: There is nothing to draw with, or the viewer failed.
+    """
+    with _headless(size) as port:
+        show(port)
+        try:
+            viewer = ViewerClient.connect(url(port))
+            _wait_until_all_is_there(viewer)
+            viewer.set_time(TIMELINE, duration=at, play_state="paused")
+            time.sleep(SETTLING)
+            return viewer.take_screenshot()
+        except RuntimeError as error:
+            raise LogError(f"the viewer gave no picture: {error}") from error
+
+
+@contextmanager
+def _headless(size: tuple[int, int]) -> Generator[int]:
+    """The port of a viewer without a window, as long as it is needed."""
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        port = probe.getsockname()[1]
+    with TemporaryFile() as said:
+        window = f"{size[0]}x{size[1]}"
+        viewer = _start(port, "--headless", "--hide-welcome-screen", "--window-size", window, output=said)
+        try:
+            if not _comes_up(viewer, port):
+                raise LogError("the viewer did not start within 20 s: try again when the machine is less busy")
+            yield port
+        except Exception as error:
+            if viewer.poll() is not None:
+                said.seek(0)
+                raise LogError(_why(said.read().decode(errors="replace"))) from error
+            raise
+        finally:
+            viewer.kill()
+            viewer.wait()
+
+
+def _why(said: str) -> str:
+    """One sentence for a viewer that died."""
+    if "render context" in said or "adapter" in said:
+        return (
+            "there is no graphics driver to draw with: install a software one,"
+            " on Debian and Ubuntu `apt install mesa-vulkan-drivers`"
+        )
+    last = next((line.strip() for line in said.splitlines() if line.strip()), "it said nothing")
+    return f"the viewer died ({last}): try `rerun --headless` by itself to see why"
+
+
+def _start(port: int, *options: str, output: int | IO[bytes]) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "rerun", "--port", str(port), "--bind", HOST, *options]
+    # Below errors the viewer shows its own log as notes in front of the picture.
+    environment = os.environ | {"RUST_LOG": "error"}
+    return subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True, env=environment)
+
+
+def _comes_up(viewer: subprocess.Popen[bytes], port: int) -> bool:
+    deadline = time.monotonic() + START
+    while time.monotonic() < deadline and viewer.poll() is None:
+        if listens(port):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def _wait_until_all_is_there(viewer: ViewerClient) -> None:
+    """Wait for a recording with its layout that has stopped growing."""
+    before, deadline = None, time.monotonic() + DELIVERY
+    while time.monotonic() < deadline:
+        state = viewer.get_state()
+        now = [(r.store_id, [(line.name, line.end) for line in r.timelines]) for r in state.recordings]
+        if (
+            state.views
+            and now == before
+            and any(line.name == TIMELINE for r in state.recordings for line in r.timelines)
+        ):
+            return
+        before = now
+        time.sleep(0.2)
+    raise LogError(f"the viewer took more than {DELIVERY:g} s to take in the flight: try a shorter log")

@@ -1,0 +1,60 @@
+"""What accuracy costs: stick work against error, and computing times."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from heli_twin.studies.report.figure import Curve, Figure, Panel
+from heli_twin.studies.report.results import TIMES, Results
+from heli_twin.studies.report.words import metric, number
+
+CLOUD = 2000
+"""Points of a cloud at most."""
+
+
+def effort(results: Results) -> Iterator[Figure]:
+    """Each completed flight by the work of its sticks and its error."""
+    shown = metric(results.study.score)
+    clouds, facts = [], []
+    for place, name in enumerate(results.alternatives):
+        mine = results.of(name)
+        mine = mine.where(~mine.failed & np.isfinite(mine["effort"].astype(float)))
+        if not len(mine):
+            continue
+        facts.append(f"{name} works its sticks {number(float(np.median(mine['effort'])), 2)} and errs "
+                     f"{number(float(np.median(mine[results.study.score])) * shown.factor)} {shown.unit}")  # fmt: skip
+        mine = mine.where(np.arange(len(mine)) % max(1, -(-len(mine) // CLOUD)) == 0)
+        commands = [mine.command(i) for i in range(len(mine))]
+        x, y = mine["effort"], mine[results.study.score] * shown.factor
+        clouds.append(Curve(name, x, y, style="points", commands=commands, color=place))
+    if clouds:
+        panel = Panel("", "stick effort (variance of the inputs, full stick squared)", shown.label, clouds, x_log=True, y_log=True)
+        lost = int(results.failed.sum())
+        tail = f"; {lost:,} failed flights are not shown" if lost else ""
+        yield Figure("effort", "Effort against error", f"In the median, {'; '.join(facts)}{tail}.", [panel])
+
+
+def timing(results: Results) -> Iterator[Figure]:
+    """Distributions of the measured times of a flight, over all flights."""
+    panels, facts = [], []
+    for name in TIMES[:3]:
+        curves = []
+        for place, alternative in enumerate(results.alternatives):
+            times = results.of(alternative)[name].astype(float)
+            times = np.sort(times[np.isfinite(times) & (times > 0)])
+            if len(times):
+                quantiles = np.linspace(0, 1, min(len(times), 200))
+                curves.append(Curve(alternative, np.quantile(times, quantiles), 100 * quantiles, style="steps", color=place))
+                if name.endswith("p99"):
+                    facts.append(f"{alternative} solves within {number(float(np.median(times)), 2)} ms in 99 % of its steps")
+        if curves:
+            panels.append(Panel(_title(name), "ms", "% of flights below", curves, x_log=True))
+    if panels:
+        text = "; ".join(facts) + " (median over the flights, on the machines named below)."
+        yield Figure("solve-times", "Solve times", text, panels)
+
+
+def _title(name: str) -> str:
+    return {"p50": "median solve of a flight", "p99": "99 % solve of a flight", "max": "longest solve of a flight"}[
+        name.rpartition(".")[2]
+    ]

@@ -1,0 +1,195 @@
+"""Errors over the axes: curves along one, maps over two, clouds over many."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_twin.studies.inference import grouped_mean
+from heli_twin.studies.report.figure import FAILURE, Array, Curve, Figure, Heat, Panel
+from heli_twin.studies.report.results import Results
+from heli_twin.studies.report.words import field, listed, metric, number
+
+CLOUD = 3000
+"""Points of a cloud at most."""
+
+
+def maps(results: Results) -> Iterator[Figure]:
+    """What fits the study's design and axes."""
+    kind = results.study.design.kind
+    if not results.axes or kind in ("ladder", "one_at_a_time", "margin"):
+        return
+    numbers = [path for path in results.axes if results.is_number(path)]
+    if kind == "grid" and len(numbers) >= 2:
+        yield from _maps(results, numbers[0], numbers[1])
+    elif kind == "grid":
+        yield _sweep(results, numbers[0] if numbers else results.axes[0])
+    else:
+        yield _clouds(results, numbers)
+
+
+def _sweep(results: Results, path: str) -> Figure:
+    """Every metric along one axis, alternatives and the other axes' values as curves."""
+    series = _series(results, [p for p in results.axes if p != path])
+    values, place = np.unique(results[path].astype(str if not results.is_number(path) else float), return_inverse=True)
+    names = () if results.is_number(path) else [str(value) for value in values]
+    scale = field(path, [] if names else values.tolist())
+    x = np.arange(len(values), dtype=float) if names else values * scale.factor
+    chosen = [m for m in dict.fromkeys((results.study.score, *results.study.metrics)) if m in results]
+    panels = []
+    for name in chosen:
+        shown = metric(name)
+        curves = []
+        for number_, (label, mask) in enumerate(series.items()):
+            mine = results.where(mask)
+            mean = grouped_mean(place[mask], mine.metric(name), len(values))
+            commands = _worst_of(mine, place[mask], len(values))
+            band = (mean.low * shown.factor, mean.high * shown.factor) if (mean.n > 1).any() else (None, None)
+            curves.append(Curve(label, x, mean.mean * shown.factor, *band, commands=commands, color=number_))
+        panels.append(Panel(shown.name, scale.label, shown.label, curves, x_names=names))
+    panels.append(_failure_panel(results, series, place, x, scale.label, names))
+    title = f"Along {path}"
+    return Figure(f"along-{_slug(path)}", title, _sweep_sentence(results, path, values, place, series, chosen), panels)
+
+
+def _failure_panel(
+    results: Results, series: dict[str, NDArray[np.bool_]], place: NDArray[np.int64], x: Array, label: str, names: object
+) -> Panel:
+    curves = []
+    for number_, (name, mask) in enumerate(series.items()):
+        mine = results.where(mask)
+        rate = grouped_mean(place[mask], mine.failed.astype(float), len(x)).mean
+        curves.append(Curve(name, x, 100 * rate, commands=_worst_of(mine, place[mask], len(x)), color=number_))
+    return Panel("failed flights", label, "%", curves, x_names=names or ())  # type: ignore[arg-type]
+
+
+def _series(results: Results, rest: list[str]) -> dict[str, NDArray[np.bool_]]:
+    """A name for each alternative with each combination of the other axes, and its rows."""
+    labels = results["alternative"].astype(object)
+    for path in rest:
+        labels = labels + f", {path} " + np.array([f"{v:g}" if isinstance(v, float) else str(v) for v in results[path]], object)
+    names, first = np.unique(labels.astype(str), return_index=True)
+    return {str(names[i]): labels == names[i] for i in np.argsort(first)}
+
+
+def _sweep_sentence(
+    results: Results, path: str, values: NDArray, place: NDArray, series: dict[str, NDArray], chosen: list[str]
+) -> str:
+    """Where the curves cross, or who is better; and what failed."""
+    names = list(series)
+    facts = []
+    if len(names) > 1:
+        for name in chosen[:5]:
+            a, b = (grouped_mean(place[series[n]], results.where(series[n]).metric(name), len(values)).mean for n in names[:2])
+            facts.append(f"{metric(name).name}: {_who(a, b, names, values, results, path)}")
+    else:
+        mean = grouped_mean(place, results.metric(chosen[0]), len(values)).mean
+        shown = metric(chosen[0])
+        facts.append(
+            f"{shown.name} goes from {number(mean[0] * shown.factor)} to {number(mean[-1] * shown.factor)} {shown.unit}"
+        )
+    failed = int(results.failed.sum())
+    return f"{'; '.join(facts)}; {failed} of {len(results):,} flights failed."
+
+
+def _who(a: Array, b: Array, names: list[str], values: NDArray, results: Results, path: str) -> str:
+    better = np.sign(b - a)
+    better = better[np.isfinite(better)]
+    if (better >= 0).all():
+        return f"{names[0]} better throughout"
+    if (better <= 0).all():
+        return f"{names[1]} better throughout"
+    where = [i for i, (p, q) in enumerate(pairwise(np.sign(b - a))) if p * q < 0]
+    if not results.is_number(path) or not where:
+        return f"{names[0]} better at {int((better > 0).sum())} of {len(better)} values"
+    scale = field(path, values.tolist())
+    crossing = listed([f"{number(_zero(values, a - b, i) * scale.factor)} {scale.unit}".rstrip() for i in where])
+    return f"{names[0]} and {names[1]} cross at {crossing}"
+
+
+def _zero(x: NDArray, y: Array, i: int) -> float:
+    return float(x[i] - y[i] * (x[i + 1] - x[i]) / (y[i + 1] - y[i]))
+
+
+def _maps(results: Results, across: str, up: str) -> Iterator[Figure]:
+    """The score over two axes for each alternative, and the difference from the first."""
+    shown = metric(results.study.score)
+    xs, ix = np.unique(results[across], return_inverse=True)
+    ys, iy = np.unique(results[up], return_inverse=True)
+    cell, shape = iy * len(xs) + ix, (len(ys), len(xs))
+    x_scale, y_scale = field(across, xs.tolist()), field(up, ys.tolist())
+    found = {}
+    for name in results.alternatives:
+        mask = results["alternative"] == name
+        mine = results.where(mask)
+        mean = grouped_mean(cell[mask], mine.metric(results.study.score), len(xs) * len(ys)).mean.reshape(shape)
+        failure = grouped_mean(cell[mask], mine.failed.astype(float), len(xs) * len(ys)).mean.reshape(shape)
+        commands = np.array(_worst_of(mine, cell[mask], len(xs) * len(ys)), object).reshape(shape).tolist()
+        found[name] = (shown.factor * mean, failure, commands)
+    every = np.concatenate([mean.ravel() for mean, _, _ in found.values()])
+    limits = tuple(np.nanpercentile(every, [0, 98]).tolist()) if np.isfinite(every).any() else None
+    place = (x_scale.factor * xs, y_scale.factor * ys)
+    panels = [
+        Panel(name, x_scale.label, y_scale.label, [Heat(*place, mean, shown.unit, failure, False, limits, commands)])
+        for name, (mean, failure, commands) in found.items()
+    ]
+    first, *others = found
+    for name in others:
+        difference = found[name][0] - found[first][0]
+        panels.append(
+            Panel(f"{name} minus {first}", x_scale.label, y_scale.label, [Heat(*place, difference, shown.unit, diverging=True)])
+        )
+    rest = [p for p in results.axes if p not in (across, up)]
+    also = f", averaged over {listed(rest)}" if rest else ""
+    yield Figure(f"map-{_slug(across)}-{_slug(up)}", f"{across} and {up}", _map_sentence(results, found, also), panels)
+
+
+def _map_sentence(results: Results, found: dict, also: str) -> str:
+    shown = metric(results.study.score)
+    facts = []
+    for name, (mean, failure, _) in found.items():
+        lost = float((failure >= FAILURE).mean())
+        facts.append(
+            f"{name} fails in at least half of its flights on {100 * lost:.0f} % of the map, elsewhere its {shown.name} is "
+            f"{number(np.nanmin(mean)) if np.isfinite(mean).any() else '-'} to "
+            f"{number(np.nanmax(mean)) if np.isfinite(mean).any() else '-'} {shown.unit}"
+        )
+    return "; ".join(facts) + f" (black line: half of the flights fail{also})."
+
+
+def _clouds(results: Results, paths: list[str]) -> Figure:
+    """The score against each axis, every flight a point."""
+    shown = metric(results.study.score)
+    kept = results.where(np.arange(len(results)) % max(1, -(-len(results) // CLOUD)) == 0)
+    panels = []
+    for path in paths:
+        scale = field(path, results[path].tolist())
+        clouds = []
+        for number_, name in enumerate(results.alternatives):
+            mine = kept.of(name)
+            commands = [mine.command(i) for i in range(len(mine))]
+            x, y = mine[path] * scale.factor, mine.penalised * shown.factor
+            clouds.append(Curve(name, x, y, style="points", commands=commands, color=number_))
+        panels.append(Panel(path, scale.label, shown.label, clouds, y_log=_spans(kept.penalised)))
+    rates = [f"{name} fails in {int(results.of(name).failed.sum())}" for name in results.alternatives]
+    sentence = f"Every flight a point, a failed one at the penalty of {results.study.penalty * shown.factor:g} {shown.unit}: "
+    return Figure("clouds", "Over all axes", sentence + f"{listed(rates)} of {len(results):,} flights.", panels)
+
+
+def _spans(values: Array) -> bool:
+    return bool(values.min() > 0 and values.max() > 30 * values.min())
+
+
+def _worst_of(rows: Results, group: NDArray[np.int64], groups: int) -> list[str]:
+    """For each group, the command of its worst flight."""
+    order = np.lexsort((rows.penalised, group))
+    last = np.flatnonzero(np.diff(np.append(group[order], -1)))
+    commands = [""] * groups
+    for i in order[last]:
+        commands[group[i]] = rows.command(int(i))
+    return commands
+
+
+def _slug(path: str) -> str:
+    return path.replace(".", "-").replace("_", "-")

@@ -1,0 +1,160 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from functools import partial
+from pathlib import Path
+
+import hooks
+import pytest
+
+from heli_twin.configuration import canonical_json, load
+from heli_twin.studies.campaign import embedded, run_study
+from heli_twin.studies.errors import StudyError
+from heli_twin.studies.reproduce import fly_command
+from heli_twin.studies.results import rows_of
+from heli_twin.studies.store import Store
+from heli_twin.studies.study import Study, study_of, study_tree
+from heli_twin.studies.worst import experiment_by_id, worst_runs
+
+
+def two_processes(plan, timeout):
+    return embedded(plan, timeout, 2)
+
+
+def run(study, out, work=hooks.pretend, **options):
+    return run_study(study, out, backend=two_processes, work=work, **options)
+
+
+def flights(seen: Path) -> Counter[str]:
+    return Counter(seen.read_text().split()) if seen.exists() else Counter()
+
+
+def test_running_again_flies_nothing_twice(small, tmp_path):
+    assert run(small, tmp_path).flown == 6
+    again = run(small, tmp_path)
+    assert (again.flown, again.done) == (0, 6)
+
+
+def test_a_changed_study_flies_only_what_is_new(small, tmp_path):
+    run(small, tmp_path)
+    wider = study_of(study_tree(small) | {"axes": {"disturbances.gust.strength": [0.3, 0.4]}})
+    assert run(wider, tmp_path).flown == 2
+    assert {row["disturbances.gust.strength"] for row in rows_of(tmp_path)} == {0.3, 0.4}
+
+
+def test_a_poison_run_fails_alone(small, tmp_path):
+    count = run(small, tmp_path, hooks.poison)
+    rows = rows_of(tmp_path)
+    bad = [row for row in rows if row["outcome"] != "completed"]
+    assert (count.done, count.failed) == (6, {"killed": 2})
+    assert {row["disturbances.gust.strength"] for row in bad} == {0.5}
+    assert all("SIGABRT" in row["outcome_text"] and row["attempts"] == 2 for row in bad)
+    assert "disturbances.gust.strength=0.5" in worst_runs(tmp_path, 1)[0].command
+
+
+def test_a_hung_run_is_ended(small, tmp_path):
+    quick = study_of(study_tree(small) | {"timeout": 0.3, "replicates": 1})
+    assert run(quick, tmp_path, hooks.hang).failed == {"hung": 1}
+    assert Counter(row["outcome"] for row in rows_of(tmp_path)) == {"completed": 2, "hung": 1}
+
+
+def test_a_killed_worker_costs_nothing_but_a_second_try(small, tmp_path):
+    assert run(small, tmp_path, partial(hooks.die_once, str(tmp_path / "seen"))).failed == {}
+    assert {row["attempts"] for row in rows_of(tmp_path)} == {1, 2}
+
+
+def test_runs_that_were_lost_fly_again_when_asked_to(small, tmp_path):
+    run(small, tmp_path, hooks.poison)
+    assert run(small, tmp_path).flown == 0
+    assert run(small, tmp_path, again=True).flown == 2
+    assert {row["outcome"] for row in rows_of(tmp_path)} == {"completed"}
+
+
+def test_a_killed_driver_goes_on_where_it_was(small, tmp_path):
+    seen = tmp_path / "seen"
+    study = study_of(study_tree(small) | {"replicates": 10})
+    (tmp_path / "study.json").write_text(json.dumps(study_tree(study)))
+    program = (
+        "import json, sys; sys.path[:0] = json.loads(sys.argv[1])\n"
+        "from functools import partial; from pathlib import Path; import hooks\n"
+        "from heli_twin.studies.campaign import embedded, run_study\n"
+        "from heli_twin.studies.study import study_of\n"
+        "if __name__ == '__main__':\n"
+        "    study = study_of(json.loads(Path(sys.argv[2], 'study.json').read_text()))\n"
+        "    run_study(study, Path(sys.argv[2], 'out'), backend=lambda p, t: embedded(p, t, 2), work=partial(hooks.noted, sys.argv[2] + '/seen'))\n"
+    )
+    script = tmp_path / "drive.py"
+    script.write_text(program)
+    driver = subprocess.Popen([sys.executable, str(script), json.dumps(sys.path), str(tmp_path)])
+    deadline = time.monotonic() + 20
+    while len(flights(seen)) < 6 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.kill(driver.pid, signal.SIGKILL)
+    driver.wait()
+    time.sleep(0.5)
+    with Store(tmp_path / "out") as store:
+        stored = store.outcomes().total()
+    assert stored >= 2
+    count = run(study, tmp_path / "out", partial(hooks.noted, str(seen)))
+    assert (count.done, count.flown) == (30, 30 - stored)
+    # Only what was in the air when the driver died has been flown again.
+    assert sum(flights(seen).values()) <= 30 + 3 * 2
+
+
+def test_one_driver_at_a_time(small, tmp_path):
+    with Store(tmp_path, write=True), pytest.raises(StudyError, match="another study is running"):
+        run(small, tmp_path)
+
+
+def test_a_bad_study_leaves_nothing_behind(tmp_path):
+    with pytest.raises(StudyError):
+        run(Study(axes={"plant.mass": []}), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_logs_of_failed_and_worst_flights_are_kept_and_no_others(small, tmp_path):
+    run(small, tmp_path, hooks.fail)
+    rows = rows_of(tmp_path)
+    kept = {path.stem for path in (tmp_path / "logs").iterdir()}
+    failed = {row["id"] for row in rows if row["outcome"] == "crashed"}
+    assert failed < kept
+    assert len(kept - failed) == 1
+    assert {row["disturbances.gust.strength"] for row in rows if row["id"] in kept - failed} == {0.3}
+
+
+def test_a_printed_command_flies_the_same_experiment(small, tmp_path):
+    import shlex
+
+    run(small, tmp_path)
+    for row in rows_of(tmp_path):
+        experiment = experiment_by_id(tmp_path, row["id"])
+        source, *overrides = shlex.split(fly_command(experiment))[2:]
+        again = load(source, overrides) if "=" not in source else load(None, [source, *overrides])
+        assert canonical_json(again) == experiment
+
+
+def test_results_are_read_by_others(small, tmp_path):
+    run(small, tmp_path, hooks.fail)
+    duckdb = pytest.importorskip("duckdb")
+    query = f"SELECT outcome, count(*), max(\"rmse.position\") FROM '{tmp_path / 'results.parquet'}' GROUP BY 1 ORDER BY 1"
+    assert duckdb.sql(query).fetchall() == [("completed", 4, 0.3), ("crashed", 2, 0.5)]
+
+
+def test_a_real_flight_has_all_its_columns(small, tmp_path):
+    from heli_twin.studies.columns import metric_names
+    from heli_twin.studies.work import fly_task
+
+    one = study_of(study_tree(small) | {"axes": {}, "replicates": 1})
+    run(one, tmp_path, fly_task)
+    (row,) = rows_of(tmp_path)
+    assert row["outcome"] == "completed"
+    assert set(metric_names()) <= row.keys()
+    assert {"id", "seed", "host", "version.mujoco", "digest", "wall_time"} <= row.keys()
+    (log,) = (tmp_path / "logs").iterdir()
+    from heli_twin.recording import read_log
+
+    assert read_log(log).digest == row["digest"]

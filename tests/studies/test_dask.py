@@ -1,0 +1,72 @@
+import os
+import signal
+import warnings
+
+import pytest
+
+distributed = pytest.importorskip("distributed")
+
+import hooks
+
+from heli_twin.studies.campaign import embedded, run_study
+from heli_twin.studies.columns import MEASURED
+from heli_twin.studies.dask_cluster import DaskCluster
+from heli_twin.studies.results import rows_of
+from heli_twin.studies.study import study_of, study_tree
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "host": "127.0.0.1"}
+        with distributed.LocalCluster(**options) as cluster:
+            yield cluster
+
+
+def on(cluster):
+    return lambda plan, timeout: DaskCluster(cluster.scheduler_address, timeout)
+
+
+def determined(row):
+    """What a flight's experiment determines, text and numbers apart.
+
+    The digest stays out: ProxQP 0.8.0 solves the same sequence of problems with last digits that differ from one object
+    to the next.
+    """
+    kept = {key: value for key, value in row.items() if not key.startswith(MEASURED) and key != "digest"}
+    numbers = {key: value for key, value in kept.items() if isinstance(value, float)}
+    return {key: value for key, value in kept.items() if key not in numbers}, numbers
+
+
+def test_a_cluster_brings_the_same_rows_as_one_machine(small, cluster, tmp_path):
+    run_study(small, tmp_path / "here", backend=lambda plan, timeout: embedded(plan, timeout, 2))
+    run_study(small, tmp_path / "there", backend=on(cluster))
+    for here, there in zip(rows_of(tmp_path / "here"), rows_of(tmp_path / "there"), strict=True):
+        (words, numbers), (other_words, other_numbers) = determined(here), determined(there)
+        assert words == other_words
+        # Rounding of 1e-15 m in a solve, which a stable loop does not amplify by more than this.
+        assert numbers == pytest.approx(other_numbers, rel=1e-6, abs=1e-9)
+
+
+def test_a_poison_run_costs_the_cluster_that_run_alone(small, cluster, tmp_path):
+    before = set(cluster.workers)
+    count = run_study(small, tmp_path, backend=on(cluster), work=hooks.poison)
+    assert (count.done, count.failed) == (6, {"killed": 2})
+    assert set(cluster.workers) == before
+
+
+def test_a_lost_worker_costs_no_row(small, cluster, tmp_path):
+    study = study_of(study_tree(small) | {"replicates": 8})
+    victims = [worker.process.pid for worker in cluster.workers.values()][:1]
+
+    def kill(progress):
+        if progress.flown >= 3 and victims:
+            os.kill(victims.pop(), signal.SIGKILL)
+            cluster.scale(3)
+
+    count = run_study(study, tmp_path, backend=on(cluster), work=hooks.slowly, watch=kill)
+    assert not victims
+    assert (count.done, count.failed) == (24, {})

@@ -1,0 +1,116 @@
+import json
+import re
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import hooks
+import pytest
+
+from heli_twin.studies.campaign import embedded, run_study
+from heli_twin.studies.report import write_report
+from heli_twin.studies.results import rows_of
+from heli_twin.studies.study import study_of
+
+GUST = "disturbances.gust.strength"
+BIAS = "disturbances.bias.x"
+BASE = {"preset": "ideal", "duration": 2.6, "disturbances": {"gust": "on", "bias": "on"}}
+RANGES = {GUST: {"uniform": [0.0, 1.0]}, BIAS: {"uniform": [0.0, 0.5]}}
+PAIR = {"first": {}, "second": {"controller": {"coupling": "full"}}}
+STUDIES = {
+    "sweep": {"axes": {GUST: {"linspace": [0.1, 0.9, 5]}}},
+    "map": {"axes": {GUST: {"linspace": [0.1, 0.9, 4]}, BIAS: {"linspace": [0.0, 0.5, 3]}}},
+    "named": {"axes": {"trajectory": ["hover", "circle"]}},
+    "tornado": {"design": "one_at_a_time", "axes": RANGES},
+    "cloud": {"design": {"kind": "latin_hypercube", "points": 8}, "axes": RANGES},
+    "sobol": {"design": {"kind": "sobol", "n": 8}, "axes": RANGES},
+    "margin": {"design": {"kind": "margin", "criteria": {"rmse.position": 0.4}}, "axes": {GUST: {"uniform": [0, 1]}}},
+    "search": {"design": {"kind": "worst_case", "trials": 12, "round": 4}, "axes": RANGES},
+    "ladder": {"design": {"kind": "ladder", "rungs": [{"name": "storm", "disturbances": {"gust": {"strength": 0.9}}}]}},
+}
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reports")
+    work = partial(hooks.rough, 0.8)
+    for name, tree in STUDIES.items():
+        study = study_of({"name": name, "base": BASE, "alternatives": PAIR, "replicates": 2, **tree})
+        run_study(study, folder / name, backend=partial(_embedded, 2), work=work)
+        write_report(folder / name)
+    return folder
+
+
+def _embedded(processes, plan, timeout):
+    return embedded(plan, timeout, processes)
+
+
+def text_of(reports: Path, name: str) -> str:
+    page = (reports / name / "report.html").read_text()
+    return re.sub(r"<script>.*?</script>", "", page, flags=re.S)
+
+
+def figures_of(reports: Path, name: str) -> list[dict]:
+    return [json.loads(spec) for spec in re.findall(r'application/json">(.*?)</script>', text_of(reports, name), re.S)]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_report_needs_no_network(reports, name):
+    assert not re.search(r'(src|href)="(https?:)?//', text_of(reports, name))
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_figure_says_in_a_sentence_what_it_shows(reports, name):
+    sections = re.findall(r"<section.*?</section>", text_of(reports, name), re.S)
+    assert len(sections) >= 4
+    for section in sections:
+        sentence = re.search(r"</h2><p>(.*?)</p>", section, re.S)
+        assert sentence
+        assert sentence[1].endswith((".", "d).", ")"))
+        assert "nan" not in sentence[1]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_command_in_a_figure_names_a_run_of_the_study(reports, name):
+    ids = {row["id"] for row in rows_of(reports / name)}
+    shown = re.findall(r"study fly \S+ ([0-9a-f]{16})", json.dumps(figures_of(reports, name)))
+    assert shown
+    assert set(shown) <= ids
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_figures_are_the_same_bytes_every_time(reports, name):
+    folder = reports / name
+    first = {path.name: path.read_bytes() for path in (folder / "figures").iterdir()}
+    write_report(folder)
+    assert first
+    assert {path.name: path.read_bytes() for path in (folder / "figures").iterdir()} == first
+
+
+@pytest.mark.parametrize("name", [name for name in STUDIES if name not in ("named", "tornado")])
+def test_failures_are_counted_not_averaged_away(reports, name):
+    failed = sum(row["outcome"] != "completed" for row in rows_of(reports / name))
+    assert failed
+    verdict = text_of(reports, name).split("</section>")[0]
+    assert sum(map(int, re.findall(r"(\d+) crashed", verdict))) == failed
+
+
+def test_the_margin_is_where_the_criterion_is_crossed(reports):
+    # The pretended error is the gust itself: acceptable up to 0.4.
+    page = text_of(reports, "margin")
+    assert re.search(r"0\.4\d?|0\.39\d?", re.search(r"<table>.*RMS position error.*?</table>", page, re.S)[0])
+    finest = sorted(row["value"] for row in rows_of(reports / "margin"))
+    assert min(abs(value - 0.4) for value in finest) < 0.02
+
+
+def test_a_margin_that_is_never_reached_is_beyond_the_range(tmp_path):
+    study = study_of({"name": "far", "base": BASE, **STUDIES["margin"]})
+    study = replace(study, design=replace(study.design, criteria={"rmse.position": 5.0}))
+    run_study(study, tmp_path, backend=partial(_embedded, 2), work=hooks.pretend)
+    assert "&gt; 1" in text_of(tmp_path.parent, tmp_path.name) if write_report(tmp_path) else False
+
+
+def test_the_search_finds_what_it_looks_for(reports):
+    rows = [row for row in rows_of(reports / "search") if row["outcome"] == "completed"]
+    best = {how: max(row[GUST] for row in rows if row["found_by"] == how) for how in ("search", "random")}
+    assert best["search"] > 0.7
