@@ -1,17 +1,24 @@
 """The door to ProxSuite: dense ProxQP in a bounded time, with a softened second try."""
 
-import ctypes
-from collections.abc import Iterator
-from contextlib import contextmanager
+import sys
 from time import perf_counter_ns
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
-from proxsuite import proxqp
 
 from controllers.condensed_qp import CondensedQp
 from controllers.ltv import N_INPUTS
 from controllers.signals import Array
+
+# ProxSuite comes in three builds and takes the widest vectors that the processor has. The two wide ones sum in an
+# order that depends on where malloc, which aligns to 16 bytes, has put their workspace: two flights of one experiment
+# in one process differed in their last digits. The plain build does not, on any processor, for 0.02 ms a solve.
+_cpu = ModuleType("proxsuite.instructionset")
+vars(_cpu).update(has_AVX512F=lambda: False, has_AVX2=lambda: False)
+sys.modules.setdefault(_cpu.__name__, _cpu)
+
+from proxsuite import proxqp  # noqa: E402
 
 
 class Solution(NamedTuple):
@@ -123,12 +130,7 @@ class _Solver:
     """One ProxQP object of fixed size."""
 
     def __init__(self, n: int, m: int, *, eps: float, max_iter: int, max_iter_in: int) -> None:
-        with _pages_of_their_own():
-            self._qp = proxqp.dense.QP(n, 0, m, True)
-            # With every bound active its memory grows to what it will ever need.
-            one, rows = np.ones(n), np.ones(m)
-            self._qp.init(np.eye(n), 0.0 * one, None, None, np.full((m, n), 1.0 / n), rows, rows, one, one)
-            self._qp.solve()
+        self._qp = proxqp.dense.QP(n, 0, m, True)
         settings = self._qp.settings
         settings.eps_abs, settings.eps_rel = eps, 0.0
         settings.max_iter, settings.max_iter_in = max_iter, max_iter_in
@@ -168,26 +170,3 @@ class _Solver:
         u = np.minimum(np.maximum(results.x[: len(qp.g)], qp.u_low), qp.u_high)
         active = int(np.count_nonzero(np.abs(results.z) > ROUNDING))
         return Solution(u, softened, slack, iterations + results.info.iter, active, results.info.objValue)
-
-
-@contextmanager
-def _pages_of_their_own() -> Iterator[None]:
-    """Have every block of memory of 4 KiB and more begin at a page, where the C library is glibc.
-
-    ProxSuite sums in an order that depends on where its workspace begins, modulo the width of a vector register. On
-    the heap that is chance: two flights of one experiment in one process would differ in their last digits.
-    """
-    try:
-        mallopt = ctypes.CDLL(None).mallopt
-    except (OSError, TypeError, AttributeError):
-        yield
-        return
-    mallopt(_M_MMAP_THRESHOLD, 4 * 1024)
-    try:
-        yield
-    finally:
-        mallopt(_M_MMAP_THRESHOLD, 128 * 1024)
-
-
-_M_MMAP_THRESHOLD = -3
-"""From glibc's malloc.h; 128 KiB is what it starts with."""

@@ -1,38 +1,38 @@
 """Several flights at a time, one a process: for work that flies a handful and keeps nothing but their results."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import get_context
-from typing import TypeVar
+from typing import Any
 
-Item = TypeVar("Item")
-T = TypeVar("T")
+Run = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]
+"""From a function and values to its results on them, in their order."""
 
 
-def fleet(work: Callable[[Item], T], items: Sequence[Item], cores: int | None = None) -> Iterator[T]:
-    """The result of `work` on each item, in their order.
+@contextmanager
+def fleet(cores: int | None = None) -> Iterator[Run]:
+    """Processes for as long as the context lasts.
+
+    The function that they are given stands at the top of a module, or is a `functools.partial` of one that does; what
+    it raises is raised here.
 
     Args:
-        work: A function at the top of a module, or a `functools.partial` of one; what it raises is raised here.
-        items: What to fly, as values.
-        cores: Processes; None for as many as there are cores.
+        cores: How many; None for as many as this process may use, 1 to work in this process itself.
     """
-    cores = min(len(items), cores or _cores())
-    if cores <= 1:
-        yield from map(work, items)
+    cores = cores or _cores()
+    if cores == 1:
+        yield map
         return
     # Forked, a worker would inherit threads that are not there.
-    with ProcessPoolExecutor(cores, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(work, item) for item in items]
-        try:
-            for future in futures:
-                yield future.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    pool = ProcessPoolExecutor(cores, mp_context=get_context("spawn"))
+    try:
+        yield pool.map
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _cores() -> int:
-    """Cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -30,7 +30,7 @@ from heli_twin.identification_data import GRID, ROW, Equation, Stretch
 MEMORY = 3.0
 """Residuals further apart than this, s, are taken for independent: four times what a gust in a room lasts."""
 LEFT_OUT = 0.01
-"""Bias of b and k, as a share of them, that tilting about two axes at once and an attitude that overshoots may leave."""
+"""Bias of b and k, as a share of them, that tilting about two axes at once and overshooting attitude may leave."""
 LATEST = 0.4
 """Longest delay that is looked for, s."""
 

@@ -46,9 +46,10 @@ def fly_them(flights: list[Experiment], folder: Path, progress: Callable[[], Non
         IdentificationError: A flight ended early.
     """
     logs: list[Path] = []
-    for path in fleet(partial(_flown, folder), flights):
-        logs.append(path)
-        progress()
+    with fleet() as run:
+        for path in run(partial(_flown, folder), flights):
+            logs.append(path)
+            progress()
     return logs
 
 

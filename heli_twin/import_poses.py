@@ -19,7 +19,7 @@ from heli_twin.experiment import Experiment
 from heli_twin.mission import provenance
 from heli_twin.pictures import planned_path
 from heli_twin.pose_csv import Column, Recording, read_recording
-from heli_twin.recording import Attachment, Recorder
+from heli_twin.recording import Attachment, LogError, Recorder
 from heli_twin.refly import ORIGIN
 
 
@@ -56,6 +56,8 @@ def import_poses(path: Path, columns: Mapping[str, Column], out: Path, overrides
             recorder.reference_path(0, planned_path(experiment))
         _estimate(recording, experiment, recorder, end, planned)
         recorder.close("imported", end, text=f"{1e-9 * end:.2f} s of poses from {path.name}")
+    if recorder.trouble:
+        raise LogError(recorder.trouble)
     return recording
 
 

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.signals import Array
-from heli_twin.recording.log import Times
 from heli_twin.recording import Log
+from heli_twin.recording.log import Times
 
 SETTLING = 2.0
 """Errors of the first seconds are left out: the start is not what is measured."""
@@ -26,7 +26,7 @@ class TrackingError(NamedTuple):
 def tracking_error(log: Log, after: float = 0.0) -> TrackingError:
     """Where the helicopter was, minus where it should have been, at every control step from `after` (s) on."""
     truth, reference = log.truth, log.reference
-    _, of_truth, of_reference = np.intersect1d(truth.stamp, reference.stamp, assume_unique=True, return_indices=True)
+    _, of_truth, of_reference = np.intersect1d(truth.stamp, reference.stamp, return_indices=True)
     flown = np.column_stack([truth.position, truth.yaw])[of_truth]
     error = flown - reference.x[of_reference, :4]
     error[:, 3] = (error[:, 3] + np.pi) % (2 * np.pi) - np.pi

@@ -3,10 +3,11 @@
 import os
 import platform
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from io import BytesIO
 from pathlib import Path
@@ -30,6 +31,8 @@ from heli_twin.recording import Attachment, Log, Recorder, read_log
 if TYPE_CHECKING:
     from heli_twin.recording.rerun_bridge import Live
 
+MEASURED = ("/truth", "/reference", "/mpc/qp", "/timing")
+"""The topics that metrics are computed from; a long log is not held in memory for them."""
 PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
 """Their versions stand in every log."""
 
@@ -40,23 +43,32 @@ class Result:
 
     experiment: Experiment
     outcome: Outcome
-    log: Log
-    """Everything that was recorded."""
     path: Path | None
-    """Where the log is, if it was kept."""
+    """Where the log is, if it was kept in a file."""
     flight_digest: str
     """Hash of the experiment and of every recorded message but the measured times."""
     real_time_factor: float
     """Simulated over measured time of the flight, recording included."""
     data: bytes | None = None
     """The log as a file's bytes, if it was kept in memory."""
+    log_trouble: str = ""
+    """Why no log was kept although one was wanted, one sentence; the flight and its metrics are whole all the same."""
+
+    @cached_property
+    def log(self) -> Log:
+        """Everything that was recorded, read back when it is asked for."""
+        return self._read()
+
+    def _read(self, topics: Collection[str] | None = None) -> Log:
+        return read_log(self.path or BytesIO(self.data or b""), topics)
 
     def summary(self) -> dict[str, Any]:
         """The result as `heli-twin fly --json` prints it."""
-        return metrics(self.log) | {
+        return metrics(self._read(MEASURED)) | {
             "outcome_text": self.outcome.text,
             "real_time_factor": self.real_time_factor,
             "log": str(self.path) if self.path else None,
+            "log_trouble": self.log_trouble or None,
             "flight_digest": self.flight_digest,
         }
 
@@ -78,7 +90,7 @@ def fly(
 
     Raises:
         ExperimentError: The experiment cannot be flown; the message names the field.
-        LogError: The log cannot be written.
+        LogError: The log cannot be started; one that cannot go on later is told in the result.
     """
     experiment = checked(experiment)
     path = _new_path(Path(log_dir), experiment) if log_dir is not None else None
@@ -97,9 +109,9 @@ def fly(
         outcome = Flight(experiment, plant, recorder, progress).run()
         took = perf_counter() - began
         recorder.close(outcome.kind, outcome.time, text=outcome.text)
-    log = read_log(path if path is not None else recorder.stream)
-    data = recorder.stream.getvalue() if isinstance(recorder.stream, BytesIO) else None
-    return Result(experiment, outcome, log, path, recorder.digest, 1e-9 * outcome.time / took, data)
+    data = recorder.stream.getvalue() if recorder.stream else None
+    factor = 1e-9 * outcome.time / took
+    return Result(experiment, outcome, recorder.path, recorder.digest, factor, data, recorder.trouble)
 
 
 def checked(experiment: Experiment) -> Experiment:

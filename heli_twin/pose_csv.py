@@ -3,7 +3,7 @@
 import csv
 import math
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -97,7 +97,7 @@ def read_recording(path: Path, columns: Mapping[str, Column], latency: float) ->
             text.seek(0)
             table = csv.reader(text, delimiter=max(",;\t", key=head.count), skipinitialspace=True, strict=True)
             places = _places(path, [name.strip() for name in next(table, [])], columns)
-            return _Rows(path, places).read(table).recording(latency)
+            return _Rows(path, places).read(table, lambda: table.line_num).recording(latency)
     except OSError as error:
         raise ImportRefused(f"{path} cannot be opened: {error.strerror or error}") from error
     except (UnicodeDecodeError, csv.Error) as error:
@@ -105,7 +105,7 @@ def read_recording(path: Path, columns: Mapping[str, Column], latency: float) ->
 
 
 class _Place(NamedTuple):
-    index: int
+    at: int
     column: Column
 
 
@@ -140,10 +140,10 @@ class _Rows:
         self._start, self._last, self._lost = math.nan, -math.inf, 0
         self._poses, self._commands = array("d"), array("d")
 
-    def read(self, table: "csv.Reader") -> "_Rows":
-        """Take in every row."""
+    def read(self, table: Iterable[list[str]], line: Callable[[], int]) -> "_Rows":
+        """Take in every row; `line` counts the lines."""
         for row in table:
-            self._line = table.line_num
+            self._line = line()
             if self._line > MAX_ROWS:
                 raise ImportRefused(f"{self._path} has more than {MAX_ROWS} lines: import it in parts")
             if row:
@@ -179,8 +179,8 @@ class _Rows:
 
     def _number(self, row: Sequence[str], field: str, needed: bool = False) -> float:
         """The number of a field in our unit; NaN for an empty one."""
-        index, column = self._places[field]
-        text = row[index].strip() if index < len(row) else ""
+        at, column = self._places[field]
+        text = row[at].strip() if at < len(row) else ""
         try:
             number = float(text) * column.factor if text else math.nan
         except ValueError:
@@ -212,8 +212,15 @@ class _Rows:
         stamp = _ns(poses[:, 0])
         arrival = np.where(np.isnan(poses[:, 1]), stamp + nanoseconds(latency), _ns(np.nan_to_num(poses[:, 1])))
         order = np.argsort(arrival, kind="stable")
-        columns = (arrival, stamp, poses[:, 2:5], poses[:, 5:9])
-        return Recording(*(column[order] for column in columns), _ns(commands[:, 0]), commands[:, 1:], self._lost)
+        return Recording(
+            arrival[order],
+            stamp[order],
+            poses[order, 2:5],
+            poses[order, 5:9],
+            _ns(commands[:, 0]),
+            commands[:, 1:],
+            self._lost,
+        )
 
 
 def _ns(seconds: Array) -> Times:

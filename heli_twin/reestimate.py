@@ -71,10 +71,12 @@ class Reestimation:
     innovation_variance: Array
     """(m, 4)."""
 
+    @np.errstate(all="ignore")
     def nis(self) -> Consistency:
         """Normalised innovation squared of every pose, four degrees of freedom."""
         return Consistency(4, (self.innovation**2 / self.innovation_variance).sum(axis=1))
 
+    @np.errstate(all="ignore")
     def nees(self, truth: Truths) -> Consistency:
         """Normalised estimation error squared of position and velocity on four axes, eight degrees of freedom."""
         inside, errors = error(self.estimates, truth)
@@ -170,6 +172,7 @@ class _Run:
         return estimates, np.array(self._covariances).reshape(-1, 4, 3, 3), innovations[:, 0], innovations[:, 1]
 
 
+@np.errstate(all="ignore")
 def error(estimates: Estimates, truth: Truths) -> tuple[NDArray[np.intp], Array]:
     """Estimates minus truth at the moments the estimates hold for, within the time that the truth is known.
 

@@ -199,6 +199,7 @@ def _platforms(logged: Mapping[str, str], now: Mapping[str, str]) -> dict[str, t
     return {key: pair for key, pair in pairs.items() if pair[0] != pair[1]}
 
 
+@np.errstate(all="ignore")
 def _deviation(logged: Log, reflown: Log) -> tuple[float, float]:
     """Largest distance, m, and angle, rad, between the two helicopters at the times that both have."""
     _, ours, theirs = np.intersect1d(logged.truth.time, reflown.truth.time, return_indices=True)

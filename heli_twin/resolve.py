@@ -6,6 +6,7 @@ along the controller's own last plan elsewhere, as on a log that another control
 """
 
 import heapq
+import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +25,7 @@ from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.mission import provenance
 from heli_twin.plant import Air, Truth
-from heli_twin.recording import Attachment, Log, Recorder
+from heli_twin.recording import Attachment, Log, LogError, Recorder
 from heli_twin.recording.log import Times
 from heli_twin.refly import ORIGIN, flown_experiment
 
@@ -159,9 +160,14 @@ def write(log: Log, resolution: Resolution, path: Path) -> None:
             recorder.reference_path(t, points)
         changes = " ".join(resolution.overrides) or "no changes"
         recorder.event(0, "info", "resolve", f"inputs and plans are counterfactual, not flown: {changes}")
-        for row in heapq.merge(_flown_rows(log), _new_rows(resolution), key=lambda row: row.time):
-            getattr(recorder, row.wire)(row.time, *row.values)
+        try:
+            for row in heapq.merge(_flown_rows(log), _new_rows(resolution), key=lambda row: row.time):
+                getattr(recorder, row.wire)(row.time, *row.values)
+        except (struct.error, ArithmeticError, ValueError) as error:
+            raise HeliTwinError(f"the log holds what no flight leaves, it cannot be copied: {error}") from error
         recorder.close(log.outcome, int(log.ending.get("time", "0")), text=log.ending.get("text", ""))
+    if recorder.trouble:
+        raise LogError(recorder.trouble)
 
 
 class _Row(NamedTuple):
@@ -175,7 +181,6 @@ class _Row(NamedTuple):
 
 def _flown_rows(log: Log) -> Iterator[_Row]:
     """What is copied, in order of time and, at one time, of the flight."""
-
     return heapq.merge(
         (_Row(int(t), "acting", (u, int(stamp))) for t, stamp, u in zip(*log.acting, strict=True)),
         _copies("disturbance", log.disturbance, Air),

@@ -37,7 +37,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 
 def run(parsed: Namespace) -> int:
-    """Fly; the exit code is 0 when the flight completed, 1 when it ended early."""
+    """Fly; the exit code is 0 when the flight completed, 1 when it ended early or its log could not be kept."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -67,7 +67,7 @@ def run(parsed: Namespace) -> int:
         print(json.dumps(summary, indent=2, allow_nan=False))
     else:
         show(summary)
-    return 0 if result.outcome.kind == "completed" else 1
+    return 0 if result.outcome.kind == "completed" and not result.log_trouble else 1
 
 
 def show(summary: dict[str, Any]) -> None:

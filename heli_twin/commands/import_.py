@@ -13,10 +13,11 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "import",
         run,
         "turn a motion-capture recording into a log",
-        "Turn a CSV file of poses into a log that replay, reestimate and identification take. Fields: time and\n"
-        "arrival (s), x y z (m), yaw (rad) or qw qx qy qz (body to world), and the commands ux uy uz uyaw (fraction\n"
-        "of full stick) where they are known. World is north-west-up, body is x to the nose, y to port, z up. An empty\n"
-        "pose is a lost frame. The log has no truth, and no reference unless a trajectory is given.",
+        "Turn a CSV file of poses into a log that replay, reestimate and identification take.\n"
+        "Fields: time and arrival (s), x y z (m), yaw (rad) or qw qx qy qz (body to world), and the commands\n"
+        "ux uy uz uyaw (fraction of full stick) where they are known. World is north-west-up, body is x to the nose,\n"
+        "y to port, z up. An empty pose is a lost frame. The log has no truth, and no reference unless a trajectory\n"
+        "is given.",
         "  heli-twin import poses.csv\n"
         "  heli-twin import poses.csv --map time=t,x=px*0.001,y=py*0.001,z=pz*0.001,yaw=heading\n"
         "  heli-twin import poses.csv controller.model.b_z=17.5 mocap.latency=0.008 --out flight.mcap",

@@ -30,9 +30,13 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Print it."""
+    import numpy as np
+
     from heli_twin.refly import opened
 
-    found = about(opened(parsed.log)) | {"file": str(parsed.log), "size": parsed.log.stat().st_size}
+    with np.errstate(all="ignore"):
+        found = about(opened(parsed.log))
+    found |= {"file": str(parsed.log), "size": parsed.log.stat().st_size}
     if parsed.json:
         print(json.dumps(found, indent=2, allow_nan=False, default=str))
     else:

@@ -38,6 +38,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Fly it again; the exit code is 1 when an unchanged experiment flew differently."""
+    import numpy as np
     from rich.console import Console
     from rich.progress import Progress
 
@@ -52,7 +53,8 @@ def run(parsed: Namespace) -> int:
         task = bar.add_task("flying", total=flown.duration)
         again = refly(log, parsed.overrides, log_dir=log_dir, progress=lambda t: bar.update(task, completed=t))
     if differs:
-        compare(again)
+        with np.errstate(all="ignore"):
+            compare(again)
     else:
         judge(again)
     if again.result.path:
@@ -101,8 +103,8 @@ def compare(again: "Refly") -> None:
     logged, now = dict(_flat(metrics(again.logged))), dict(_flat(metrics(again.result.log)))
     for key in (*now, *(key for key in logged if key not in now)):
         a, b = logged.get(key), now.get(key)
-        both = isinstance(a, int | float) and isinstance(b, int | float)
-        table.add_row(key, _text(a), _text(b), f"{b - a:+.4g}" if both else "")
+        change = f"{b - a:+.4g}" if isinstance(a, int | float) and isinstance(b, int | float) else ""
+        table.add_row(key, _text(a), _text(b), change)
     Console().print(table)
     print("lengths in m, angles in rad, errors against the truth")
 

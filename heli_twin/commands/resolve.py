@@ -35,6 +35,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Solve again; the exit code is 1 when unchanged problems have other answers."""
+    import numpy as np
+
     from heli_twin.refly import ORIGIN, flown_experiment, opened
     from heli_twin.resolve import TOLERANCE, resolve, write
 
@@ -42,7 +44,8 @@ def run(parsed: Namespace) -> int:
     resolution = resolve(log, parsed.overrides)
     # What sent the inputs of a real flight is not known.
     differs = resolution.experiment != flown_experiment(log) or log.metadata.get(ORIGIN) == "import"
-    report(log, resolution)
+    with np.errstate(all="ignore"):
+        report(log, resolution)
     if differs or parsed.log_dir:
         path = _free((parsed.log_dir or parsed.log.parent) / f"{parsed.log.stem}.resolved.mcap")
         write(log, resolution, path)

@@ -47,7 +47,7 @@ class _AnyOrder(ArgumentParser):
 
     _inside = False
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Parse, options first."""
         if self._inside:
             return super().parse_known_args(args, namespace)

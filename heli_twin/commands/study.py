@@ -1,5 +1,6 @@
 """`heli-twin study`: fly many experiments and learn where and how the controller breaks."""
 
+import signal
 import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Callable
@@ -72,6 +73,9 @@ def run_(parsed: Namespace) -> int:
     if parsed.workers is not None and parsed.workers < 1:
         raise StudyError(f"--workers {parsed.workers}: give 1 or more")
     study = load_study(parsed.study, parsed.overrides)
+    # A batch system asks with SIGTERM; a shell's background job ignores Ctrl-C unless told.
+    for asked in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(asked, signal.default_int_handler)
     out = parsed.out or STUDIES / study.name
     try:
         with Watch(study) as watch:

@@ -130,7 +130,7 @@ def _layout(runs: Sequence[Run], differences: Sequence[Difference]) -> rrb.Bluep
                 columns=rrb.TextLogColumns(text_log_columns=["EntityPath", "LogLevel", "Body"]),
             ),
         ),
-        row_shares=[3, 1],
+        row_shares=[5, 2],
     )
     plots = rrb.Tabs(
         rrb.Vertical(

@@ -110,7 +110,7 @@ def scene(name: str, path: Array | None, flights: Sequence[str] = ("",)) -> rrb.
         background=[24, 26, 31],
         line_grid=rrb.LineGrid3D(spacing=0.5, color=[90, 96, 110, 120]),
         eye_controls=rrb.EyeControls3D(
-            position=centre + radius * np.array([-1.6, -1.1, 0.9]), look_target=centre, eye_up=(0.0, 0.0, 1.0)
+            position=centre + radius * np.array([-1.35, -0.95, 0.8]), look_target=centre, eye_up=(0.0, 0.0, 1.0)
         ),
         overrides={f"{flight}/world/trail": [trail] for flight in flights},
     )

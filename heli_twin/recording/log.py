@@ -240,11 +240,8 @@ class Log:
         """When (ns) each whole path to fly became known, and its points (n, 3), world, m, rounded."""
         topic = self._messages("/view/reference_path")
         with _decoding("/view/reference_path"):
-            clouds = [PointCloud.FromString(bytes(data)).data for data in topic.data]
-            return [
-                (t, np.frombuffer(cloud, "<f4").reshape(-1, 3).astype(float))
-                for t, cloud in zip(topic.times, clouds, strict=True)
-            ]
+            clouds = [PointCloud.FromString(bytes(data)) for data in topic.data]
+            return [(t, _points(cloud)) for t, cloud in zip(topic.times, clouds, strict=True)]
 
     @cached_property
     def timing(self) -> Timings:
@@ -271,3 +268,9 @@ def _decoding(topic: str) -> Generator[None]:
         raise LogError(
             f"the messages on {topic} cannot be read ({error}): was another program writing them?"
         ) from error
+
+
+def _points(cloud: PointCloud) -> Array:
+    """Positions (n, 3), which stand first in every point."""
+    points = np.frombuffer(cloud.data, np.uint8).reshape(-1, cloud.point_stride)
+    return np.ascontiguousarray(points[:, :12]).view("<f4").reshape(-1, 3).astype(float)

@@ -7,7 +7,7 @@ and everything rarer is written by the library's records. The bytes are the same
 import struct
 import zlib
 from collections.abc import Mapping
-from typing import IO
+from typing import Any, Protocol
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -38,16 +38,25 @@ _MESSAGE_FIELDS = _MESSAGE.size - 9
 """Bytes that the length of a message record counts besides its data."""
 
 
+class Sink(Protocol):
+    """Takes all the bytes it is given."""
+
+    def write(self, data: bytes, /) -> Any:
+        """Add bytes."""
+
+
 class McapStream:
     """A chunked, indexed, zstd-compressed MCAP file with all checksums, onto a binary stream."""
 
-    def __init__(self, stream: IO[bytes], *, library: str, chunk_size: int) -> None:
+    def __init__(self, stream: Sink, *, library: str, chunk_size: int) -> None:
         self._stream = stream
         self._chunk_size = chunk_size
         self._compressor = zstandard.ZstdCompressor(level=LEVEL)
         self._schemas: dict[tuple[str, str, bytes], Schema] = {}
         self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
+        self._chunks = bytearray()
+        """Index of the chunks so far, packed: the only thing that grows with the flight."""
+        self._chunk_count, self._start, self._end = 0, 2**64 - 1, 0
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
@@ -90,9 +99,8 @@ class McapStream:
         self._emit(record)
 
     def flush(self) -> None:
-        """Write all messages so far and hand them to the operating system."""
+        """Write all messages so far."""
         self._end_chunk()
-        self._stream.flush()
 
     def finish(self) -> None:
         """Write the index; the stream stays open."""
@@ -101,26 +109,25 @@ class McapStream:
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunk_count,
             message_count=sum(self._counts.values()),
             metadata_count=len(self._metadata),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
+            message_start_time=self._start if self._chunk_count else 0,
+            message_end_time=self._end,
             schema_count=len(self._schemas),
         )
-        groups: dict[Opcode, list[McapRecord]] = {
-            Opcode.SCHEMA: [*self._schemas.values()],
-            Opcode.CHANNEL: [*self._channels],
-            Opcode.STATISTICS: [statistics],
-            Opcode.CHUNK_INDEX: [*self._chunks],
-            Opcode.ATTACHMENT_INDEX: [*self._attachments],
-            Opcode.METADATA_INDEX: [*self._metadata],
+        groups = {
+            Opcode.SCHEMA: _bytes(*self._schemas.values()),
+            Opcode.CHANNEL: _bytes(*self._channels),
+            Opcode.STATISTICS: _bytes(statistics),
+            Opcode.CHUNK_INDEX: bytes(self._chunks),
+            Opcode.ATTACHMENT_INDEX: _bytes(*self._attachments),
+            Opcode.METADATA_INDEX: _bytes(*self._metadata),
         }
         self._emit(_bytes(DataEnd(self._crc)))
         start = self._offset
         summary, offsets = b"", b""
-        for opcode, records in groups.items():
-            group = _bytes(*records)
+        for opcode, group in groups.items():
             offsets += _bytes(SummaryOffset(opcode, start + len(summary), len(group)))
             summary += group
         footer = _bytes(Footer(start, start + len(summary), 0))[:-4]
@@ -141,7 +148,9 @@ class McapStream:
             size = 8 * len(entry)
             indexes += struct.pack(f"<BQHI{len(entry)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *entry)
             self._counts[channel] = self._counts.get(channel, 0) + len(entry) // 2
-        self._chunks.append(
+        self._chunk_count += 1
+        self._start, self._end = min(self._start, start), max(self._end, end)
+        self._chunks += _bytes(
             ChunkIndex(
                 chunk_length=len(chunk),
                 chunk_start_offset=self._offset,

@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Generator, Iterator
+from collections.abc import Collection, Generator, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -19,12 +19,14 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from heli_twin.recording.log import Attachment, Log, Messages
-from heli_twin.recording.schema import EXPERIMENT, FORMAT, LogError
+from heli_twin.recording.schema import EXPERIMENT, FORMAT, LogError, unsealed
 
 MAX_FILE = 2 * 1024**3
 """Bytes of the largest file that is read; an hour of flight is about 400 MB."""
 MAX_CHUNK = 64 * 1024**2
 """Bytes of the largest chunk that is unpacked; the recorder's are 256 KiB."""
+MAX_UNPACKED = 4 * 1024**3
+"""Bytes of all chunks of a log together."""
 
 RECORD = struct.Struct("<BQ")
 """What every MCAP record starts with: opcode and length."""
@@ -33,18 +35,19 @@ MESSAGE = struct.Struct("<HIQQ")
 _FOOTER_SIZE, _DATA_END_SIZE = RECORD.size + 20, RECORD.size + 4
 
 
-def read_log(source: Path | str | IO[bytes]) -> Log:
-    """Read a whole log; its columns are decoded when they are asked for.
+def read_log(source: Path | str | IO[bytes], topics: Collection[str] | None = None) -> Log:
+    """Read a log; its columns are decoded when they are asked for.
 
     Args:
         source: A file, or a stream that can seek, such as the one a recorder in memory leaves.
+        topics: What to keep of it, the others are checked and dropped; None keeps all.
 
     Raises:
         LogError: There is no such file, it is damaged, unfinished, or not a log that this version can read.
     """
     name = str(source) if isinstance(source, Path | str) else "the log in memory"
     with _reading(name):
-        data = _load(source)
+        data = load(source)
         _check_ends(data)
         reader = SeekingReader(BytesIO(data), validate_crcs=True, record_size_limit=MAX_FILE)
         summary = reader.get_summary()
@@ -54,11 +57,11 @@ def read_log(source: Path | str | IO[bytes]) -> Log:
         check_format(metadata.get("heli_twin"))
         attachments = {a.name: Attachment(a.name, a.media_type, a.data) for a in reader.iter_attachments()}
         return Log(
-            messages=_messages(data, summary),
+            messages=_messages(data, summary, topics),
             experiment=attachments[EXPERIMENT].data.decode(),
-            metadata=metadata.get("run", {}),
+            metadata=unsealed(metadata.get("run", {})),
             attachments=attachments,
-            ending=metadata.get("end", {}),
+            ending=unsealed(metadata.get("end", {})),
         )
 
 
@@ -79,10 +82,11 @@ DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, LookupError,
 """What the libraries raise on bytes that are not what they should be."""
 
 
-def _load(source: Path | str | IO[bytes]) -> bytes:
+def load(source: Path | str | IO[bytes]) -> bytes:
+    """The bytes of a file that is not too large."""
     if isinstance(source, Path | str):
         with Path(source).open("rb") as stream:
-            return _load(stream)
+            return load(stream)
     source.seek(0)
     data = source.read(MAX_FILE + 1)
     if len(data) > MAX_FILE:
@@ -119,18 +123,26 @@ def check_format(identity: dict[str, str] | None) -> None:
         )
 
 
-def _messages(data: bytes, summary: Summary) -> dict[str, Messages]:
+def _messages(data: bytes, summary: Summary, topics: Collection[str] | None) -> dict[str, Messages]:
     """Every message, by topic, in the order of the file."""
-    by_channel: dict[int, tuple[list[int], list[memoryview]]] = {channel: ([], []) for channel in summary.channels}
+    by_channel: dict[int, tuple[list[int], list[bytes | memoryview]]] = {c: ([], []) for c in summary.channels}
+    kept = {c for c, channel in summary.channels.items() if topics is None or channel.topic in topics}
+    size = 0
     for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
         start = index.chunk_start_offset + RECORD.size
-        for opcode, body in records(unpack_chunk(data[start : index.chunk_start_offset + index.chunk_length])):
+        chunk = unpack_chunk(data[start : index.chunk_start_offset + index.chunk_length])
+        size += len(chunk)
+        if size > MAX_UNPACKED:
+            raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
+        for opcode, body in records(chunk):
             if opcode == Opcode.MESSAGE:
                 channel, _, time, _ = MESSAGE.unpack_from(body)
                 times, messages = by_channel[channel]
-                times.append(time)
-                messages.append(body[MESSAGE.size :])
-    return {summary.channels[channel].topic: Messages(*columns) for channel, columns in by_channel.items()}
+                if channel in kept:
+                    times.append(time)
+                    # A view would keep the whole chunk.
+                    messages.append(body[MESSAGE.size :] if topics is None else bytes(body[MESSAGE.size :]))
+    return {summary.channels[channel].topic: Messages(*by_channel[channel]) for channel in kept}
 
 
 def records(data: memoryview, at: int = 0) -> Iterator[tuple[int, memoryview]]:

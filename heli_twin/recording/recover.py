@@ -3,6 +3,7 @@
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
+from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 
@@ -12,8 +13,8 @@ from mcap.records import Attachment, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from heli_twin.recording.mcap_stream import McapStream
-from heli_twin.recording.reader import DAMAGE, MESSAGE, check_format, records, unpack_chunk
-from heli_twin.recording.schema import EXPERIMENT, TOPICS, LogError
+from heli_twin.recording.reader import DAMAGE, MAX_UNPACKED, MESSAGE, check_format, load, records, unpack_chunk
+from heli_twin.recording.schema import EXPERIMENT, TOPICS, LogError, sealed, unsealed
 from heli_twin.recording.writer import CHUNK_SIZE, LIBRARY
 
 
@@ -31,14 +32,26 @@ def recover(path: Path) -> Path:
     """
     target = path.with_suffix("") if path.suffix == ".part" else path.with_suffix(".recovered.mcap")
     try:
-        contents = _salvage(path.read_bytes())
-        with target.open("xb") as stream:
-            stream.write(contents)
+        contents = _salvage(load(path))
+        _write(target, contents)
+    except FileExistsError:
+        raise LogError(f"{path} is not recovered, for {target} exists already: move that away") from None
     except OSError as error:
-        raise LogError(f"{path} cannot be recovered: {error}") from error
+        raise LogError(f"{path} cannot be recovered ({error.strerror or error}): copy it to another folder") from error
     except LogError as error:
         raise LogError(f"{path} cannot be recovered: it {error}") from error
     return target
+
+
+def _write(target: Path, contents: bytes) -> None:
+    """Make a new file, whole or not at all."""
+    with target.open("xb") as stream:
+        try:
+            stream.write(contents)
+            stream.flush()
+        except OSError:
+            target.unlink()
+            raise
 
 
 def _salvage(data: bytes) -> bytes:
@@ -48,45 +61,72 @@ def _salvage(data: bytes) -> bytes:
     for topic in TOPICS:
         log.channel(*topic)
     metadata: dict[str, dict[str, str]] = {}
-    attachments: set[str] = set()
-    last = 0
+    attachments: dict[str, Attachment] = {}
+    chunks: dict[bytes, memoryview] = {}
     for record in _intact_records(data):
         if isinstance(record, Metadata):
-            metadata[record.name] = record.metadata
-            if record.name != "end":
-                log.metadata(record.name, record.metadata)
+            metadata.setdefault(record.name, record.metadata)
         elif isinstance(record, Attachment):
-            attachments.add(record.name)
-            log.attachment(record.name, record.media_type, record.data)
+            attachments.setdefault(record.name, record)
         else:
-            last = max(last, _copy_messages(record, log))
+            chunks.setdefault(sha256(record).digest(), record)
     check_format(metadata.get("heli_twin"))
     if EXPERIMENT not in attachments:
         raise LogError("has lost what was flown")
-    log.metadata("end", {"outcome": "interrupted", "time": str(last), **metadata.get("end", {}), "recovered": "yes"})
+    for name, record in metadata.items():
+        if name != "end":
+            log.metadata(name, record)
+    for attachment in attachments.values():
+        log.attachment(attachment.name, attachment.media_type, attachment.data)
+    last = 0
+    for messages in sorted(filter(None, map(_messages, chunks.values())), key=_begin):
+        for message in messages:
+            log.message(*message)
+            last = max(last, message[1])
+    ends = {"outcome": "interrupted", "time": str(last), **unsealed(metadata.get("end", {})), "recovered": "yes"}
+    log.metadata("end", sealed(ends))
     log.finish()
     return stream.getvalue()
 
 
 def _intact_records(data: bytes) -> Iterator[Metadata | Attachment | memoryview]:
     """Metadata, attachments and unpacked chunks before the file breaks off, but none that fails its checksum."""
+    unpacked = 0
     with suppress(*DAMAGE):
         for opcode, body in records(memoryview(data), len(MCAP0_MAGIC)):
             with suppress(*DAMAGE):
                 if opcode == Opcode.CHUNK:
-                    yield unpack_chunk(body)
+                    chunk = unpack_chunk(body)
+                    unpacked += len(chunk)
+                    if unpacked > MAX_UNPACKED:
+                        return
+                    yield chunk
                 elif opcode == Opcode.METADATA:
-                    yield Metadata.read(ReadDataStream(BytesIO(body)))
+                    record = Metadata.read(ReadDataStream(BytesIO(body)))
+                    if record.name == "heli_twin" or record.metadata == sealed(unsealed(record.metadata)):
+                        yield record
                 elif opcode == Opcode.ATTACHMENT and zlib.crc32(body[:-4]) == int.from_bytes(body[-4:], "little"):
                     yield Attachment.read(ReadDataStream(BytesIO(body)))
 
 
-def _copy_messages(chunk: memoryview, log: McapStream) -> int:
-    """Add the messages of an unpacked chunk to the log; returns the last log time, ns."""
-    last = 0
-    for opcode, body in records(chunk):
-        if opcode == Opcode.MESSAGE:
-            channel, _, time, _ = MESSAGE.unpack_from(body)
-            log.message(channel, time, bytes(body[MESSAGE.size :]))
-            last = max(last, time)
-    return last
+Message = tuple[int, int, bytes]
+"""Channel, log time (ns) and data."""
+
+
+def _messages(chunk: memoryview) -> list[Message]:
+    """The messages of an unpacked chunk; none if it is not one of a flight."""
+    messages: list[Message] = []
+    with suppress(*DAMAGE):
+        for opcode, body in records(chunk):
+            if opcode == Opcode.MESSAGE:
+                channel, _, time, _ = MESSAGE.unpack_from(body)
+                if not 1 <= channel <= len(TOPICS):
+                    return []
+                messages.append((channel, time, bytes(body[MESSAGE.size :])))
+        return messages
+    return []
+
+
+def _begin(messages: list[Message]) -> int:
+    """When the first of some messages was logged, ns: a spliced file may hold its chunks in another order."""
+    return min(time for _, time, _ in messages)

@@ -1,7 +1,9 @@
 """The contract of a flight log: its topics in the order data flows, their message types and layouts."""
 
+import zlib
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
@@ -18,6 +20,8 @@ FORMAT = 1
 """Version of this contract; a reader refuses a greater one."""
 EXPERIMENT = "experiment.json"
 """Name of the attachment that says what was flown."""
+PROTO = Path(__file__).with_name("flight.proto")
+"""The contract with its comments; a copy is in every log."""
 FRAME = "world"
 """Name of the world frame in messages made for viewers."""
 PLAN_STATES = 10
@@ -26,6 +30,21 @@ PLAN_STATES = 10
 
 class LogError(HeliTwinError):
     """A log that cannot be written or read."""
+
+
+SEAL = "crc32"
+"""Key of the checksum of a metadata record: MCAP has none, and a recovered number must be true."""
+
+
+def sealed(data: Mapping[str, str]) -> dict[str, str]:
+    """Metadata with its checksum."""
+    text = "\0".join(part for item in sorted(data.items()) for part in item)
+    return {**data, SEAL: f"{zlib.crc32(text.encode('utf-8', 'surrogatepass')):08x}"}
+
+
+def unsealed(data: Mapping[str, str]) -> dict[str, str]:
+    """Metadata without its checksum."""
+    return {key: value for key, value in data.items() if key != SEAL}
 
 
 class Topic(NamedTuple):
@@ -74,7 +93,7 @@ FOR_VIEWERS = (
     _protobuf("/tf", FrameTransform),
     _protobuf("/view/reference_path", PointCloud),
     _protobuf("/view/horizon", PointCloud),
-    _ros2("/view/tracking", "sensor_msgs/msg/JointState", _JOINTS),
+    _ros2("/view/error_and_input", "sensor_msgs/msg/JointState", _JOINTS),
 )
 """The same flight once more, thinned out, in the message types that viewers draw without being told how."""
 
@@ -99,6 +118,12 @@ QP_STATUS = tuple(name.removeprefix("QP_STATUS_").lower() for name in pb.QpStatu
 """Names of the rungs of the fallback ladder, by their number in the log."""
 SEVERITY = tuple(name.lower() for name in Log.Level.keys())  # noqa: SIM118
 """Names of the severities of an event, by their number in the log."""
+
+
+@cache
+def proto() -> bytes:
+    """The text of the contract."""
+    return PROTO.read_bytes()
 
 
 @lru_cache

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 Triple = tuple[float, float, float]
 
 RED, WHITE, DARK, METAL, TIP = 0xD93A26FF, 0xF2F2EDFF, 0x3A3C42FF, 0xA0A4ABFF, 0xFACC1FFF
-DISC = 0x6FA8DC1C
+DISC = 0x6FA8DC10
 
 
 class Part(NamedTuple):

@@ -78,7 +78,7 @@ def _send_scene(stream: rr.RecordingStream, look: Look) -> None:
         _send_parts(stream, path, parts)
     for path, width, colour in (
         ("trail", 0.004, look.flown),
-        ("horizon", 0.004, PLANNED),
+        ("horizon", 0.006, PLANNED),
         ("reference_path", 0.002, look.wanted),
         ("plumb_line", 0.001, PLUMB),
     ):

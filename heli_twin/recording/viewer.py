@@ -1,12 +1,13 @@
 """Rerun's viewer as a process of this machine: found, started, and photographed without a screen."""
 
 import os
+import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from tempfile import TemporaryFile
 from typing import IO
 
@@ -20,6 +21,8 @@ START, DELIVERY = 20.0, 60.0
 """How long a viewer may take to listen, and to take in a flight, s."""
 SETTLING = 0.7
 """How long the viewer's last frames may still change after the time was set, s: plots fade to their final range."""
+NOTES = 4.5
+"""How long a viewer shows the note that it has started, in front of the picture, s."""
 
 
 def url(port: int) -> str:
@@ -53,39 +56,44 @@ def picture(show: Callable[[int], None], at: float, size: tuple[int, int]) -> by
     Raises:
         LogError: There is nothing to draw with, or the viewer failed.
     """
-    with _headless(size) as port:
+    with _headless(size) as (port, viewer):
+        started = time.monotonic()
         show(port)
-        try:
-            viewer = ViewerClient.connect(url(port))
-            _wait_until_all_is_there(viewer)
-            viewer.set_time(TIMELINE, duration=at, play_state="paused")
-            time.sleep(SETTLING)
-            return viewer.take_screenshot()
-        except RuntimeError as error:
-            raise LogError(f"the viewer gave no picture: {error}") from error
+        _wait_until_all_is_there(viewer)
+        viewer.set_time(TIMELINE, duration=at, play_state="paused")
+        time.sleep(max(SETTLING, started + NOTES - time.monotonic()))
+        return viewer.take_screenshot()
 
 
 @contextmanager
-def _headless(size: tuple[int, int]) -> Generator[int]:
-    """The port of a viewer without a window, as long as it is needed."""
+def _headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
+    """A viewer without a window and its port, for as long as it is needed."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         port = probe.getsockname()[1]
     with TemporaryFile() as said:
         window = f"{size[0]}x{size[1]}"
-        viewer = _start(port, "--headless", "--hide-welcome-screen", "--window-size", window, output=said)
+        process = _start(port, "--headless", "--hide-welcome-screen", "--window-size", window, output=said)
         try:
-            if not _comes_up(viewer, port):
-                raise LogError("the viewer did not start within 20 s: try again when the machine is less busy")
-            yield port
-        except Exception as error:
-            if viewer.poll() is not None:
+            if not _comes_up(process, port):
+                raise LogError(f"the viewer did not start in {START:g} s: try again when the machine is less busy")
+            viewer = ViewerClient.connect(url(port))
+            # It listens before it knows whether it can draw.
+            viewer.get_state()
+            yield port, viewer
+        except (LogError, RuntimeError, OSError) as error:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(2)
                 said.seek(0)
                 raise LogError(_why(said.read().decode(errors="replace"))) from error
-            raise
+            if isinstance(error, LogError):
+                raise
+            raise LogError(f"the viewer gave no picture: {error}") from error
         finally:
-            viewer.kill()
-            viewer.wait()
+            # The process is a wrapper; the viewer is its child.
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
 
 
 def _why(said: str) -> str:
@@ -102,7 +110,7 @@ def _why(said: str) -> str:
 def _start(port: int, *options: str, output: int | IO[bytes]) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "rerun", "--port", str(port), "--bind", HOST, *options]
     # Below errors the viewer shows its own log as notes in front of the picture.
-    environment = os.environ | {"RUST_LOG": "error"}
+    environment = os.environ | {"RUST_LOG": "off"}
     return subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True, env=environment)
 
 

@@ -25,7 +25,10 @@ BODY = "helicopter"
 """Name of the body's frame and of the URDF's only moving link."""
 _URDF = urdf(BODY, FRAME)
 
-_AXES = cdr.JointStates("x", "y", "z", "yaw")
+WANTED, PLANNED = 0xD8DCE3FF, 0xFFA62BFF
+"""Colours of the reference and the plan, RGBA."""
+
+_AXES = cdr.JointStates("x / pitch", "y / roll", "z / thrust", "yaw")
 
 _MILLISECOND = 1_000_000
 TF_PERIOD, HORIZON_PERIOD, PLOT_PERIOD = 40 * _MILLISECOND, 100 * _MILLISECOND, 60 * _MILLISECOND
@@ -49,7 +52,7 @@ class Viewers:
 
     def reference_path(self, t: int, points: Array) -> None:
         """Draw the whole path to fly, (n, 3) world, m."""
-        self._write("/view/reference_path", t, _cloud(t, points))
+        self._write("/view/reference_path", t, _cloud(t, points, WANTED))
 
     def truth(self, t: int, truth: Truth) -> None:
         """Move the body."""
@@ -72,21 +75,21 @@ class Viewers:
         self._reference = reference
 
     def sent(self, t: int, u: Array) -> None:
-        """Plot, as the joints x y z yaw: error in position and in velocity (yaw frame), and input as effort."""
+        """Plot, as joints: the error in position and velocity (yaw frame) of x y z yaw, and as effort the inputs."""
         if self._truth is None or self._reference is None or t < self._plot_due:
             return
         self._plot_due = t + PLOT_PERIOD
         with np.errstate(invalid="ignore"):
             error = physical_state(self._truth) - self._reference.x[0]
             error[3] = (error[3] + np.pi) % (2 * np.pi) - np.pi
-        self._write("/view/tracking", t, _AXES.pack(t, error[:4], error[4:], u))
+        self._write("/view/error_and_input", t, _AXES.pack(t, error[:4], error[4:], u))
 
     def plan(self, t: int, plan: Plan) -> None:
         """Draw the predicted positions."""
         if t < self._horizon_due:
             return
         self._horizon_due = t + HORIZON_PERIOD
-        self._write("/view/horizon", t, _cloud(t, plan.x[:, :3]))
+        self._write("/view/horizon", t, _cloud(t, plan.x[:, :3], PLANNED))
 
 
 def timestamp(t: int) -> Timestamp:
@@ -94,14 +97,27 @@ def timestamp(t: int) -> Timestamp:
     return Timestamp(seconds=t // 1_000_000_000, nanos=t % 1_000_000_000)
 
 
+_FLOAT32, _UINT8 = PackedElementField.NumericType.FLOAT32, PackedElementField.NumericType.UINT8
 _FIELDS = [
-    PackedElementField(name=axis, offset=4 * i, type=PackedElementField.NumericType.FLOAT32)
-    for i, axis in enumerate("xyz")
+    *(PackedElementField(name=axis, offset=4 * i, type=_FLOAT32) for i, axis in enumerate("xyz")),
+    *(
+        PackedElementField(name=name, offset=12 + i, type=_UINT8)
+        for i, name in enumerate(("red", "green", "blue", "alpha"))
+    ),
 ]
+_POINT = np.dtype([("position", "<f4", 3), ("colour", ">u4")])
 
 
-def _cloud(t: int, points: Array) -> bytes:
-    data = np.asarray(points, "<f4").tobytes()
+def _cloud(t: int, points: Array, colour: int) -> bytes:
+    cloud = np.empty(len(points), _POINT)
+    cloud["position"], cloud["colour"] = points, colour
     pose = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
-    cloud = PointCloud(timestamp=timestamp(t), frame_id=FRAME, pose=pose, point_stride=12, fields=_FIELDS, data=data)
-    return cloud.SerializeToString()
+    message = PointCloud(
+        timestamp=timestamp(t),
+        frame_id=FRAME,
+        pose=pose,
+        point_stride=_POINT.itemsize,
+        fields=_FIELDS,
+        data=cloud.tobytes(),
+    )
+    return message.SerializeToString()

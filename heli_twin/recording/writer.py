@@ -1,13 +1,11 @@
 """The recorder: every wire of the flight, as it happens, into one MCAP file."""
 
 import hashlib
-import os
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
@@ -15,6 +13,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
 from controllers.signals import Array, Command, Estimate, Plan, Pose, QpReport, Reference
 from heli_twin.plant import Air, Truth
 from heli_twin.recording.log import Attachment, Log
+from heli_twin.recording.log_file import LogFile
 from heli_twin.recording.mcap_stream import McapStream
 from heli_twin.recording.packing import Pack
 from heli_twin.recording.reader import read_log
@@ -22,6 +21,7 @@ from heli_twin.recording.schema import (
     EXPERIMENT,
     FORMAT,
     LAYOUTS,
+    PROTO,
     QP_STATUS,
     SEVERITY,
     TIMING,
@@ -29,6 +29,8 @@ from heli_twin.recording.schema import (
     LogError,
     code,
     plan_layout,
+    proto,
+    sealed,
 )
 from heli_twin.recording.viewers import Viewers, timestamp
 
@@ -50,7 +52,8 @@ class Recorder:
     """Writes one flight, wire by wire; a method for each, its first argument the simulated time in ns.
 
     A flight always records: without a path into memory, so that metrics come from the same log either way. The file
-    is called `NAME.mcap.part` until `close`.
+    is called `NAME.mcap.part` until `close`. If it cannot be written any more the log goes on in memory, `path` becomes
+    None and `trouble` says why; the flight, its digest and its metrics are what they would have been.
     """
 
     def __init__(
@@ -74,24 +77,21 @@ class Recorder:
         Raises:
             LogError: The file exists already or cannot be written.
         """
-        self.path = path
         self.listeners = listeners
-        self._closed = self._failed = False
+        self._closed = False
         self._time = 0
         self._flush_due = FLUSH_PERIOD
         self._hash = hashlib.sha256(experiment.encode())
-        self.stream: IO[bytes] = BytesIO()
-        try:
-            if path is not None:
-                self.stream = _create(path)
-            self._mcap = McapStream(self.stream, library=LIBRARY, chunk_size=CHUNK_SIZE)
-            self._mcap.metadata("heli_twin", {"format": str(FORMAT)})
-            self._mcap.metadata("run", metadata or {})
-            for attachment in (Attachment(EXPERIMENT, "application/json", experiment.encode()), *attachments):
-                self._mcap.attachment(*attachment)
-            self.stream.flush()
-        except OSError as error:
-            raise self._failure(error) from error
+        self._file: LogFile | BytesIO = BytesIO() if path is None else LogFile(path)
+        self._mcap = McapStream(self._file, library=LIBRARY, chunk_size=CHUNK_SIZE)
+        self._mcap.metadata("heli_twin", {"format": str(FORMAT)})
+        self._mcap.metadata("run", sealed(metadata or {}))
+        flown = Attachment(EXPERIMENT, "application/json", experiment.encode())
+        for attachment in (flown, Attachment(PROTO.name, "text/plain", proto()), *attachments):
+            self._mcap.attachment(*attachment)
+        if isinstance(self._file, LogFile) and self._file.trouble:
+            self._file.discard()
+            raise LogError(f"the log {path} cannot be written: make room or record to another folder")
         self._channels = {topic.name: (self._mcap.channel(*topic), topic.name.encode() + b"\0") for topic in TOPICS}
         self._pack = {topic: layout.packer() for topic, layout in LAYOUTS.items()}
         self._pack_plan: Pack | None = None
@@ -169,74 +169,50 @@ class Recorder:
             outcome: One word: landed, crashed, ...
             t: Simulated end, ns.
             ending: Anything else to keep, such as measured totals.
-
-        Raises:
-            LogError: The end could not be written; what was recorded before it stays in the `.part` file.
         """
         if self._closed:
             return
         self._closed = True
-        try:
-            if not self._failed:
-                self._finish({"outcome": outcome, "time": str(t), "digest": self.digest, **ending})
-        except OSError as error:
-            raise self._failure(error) from error
+        self._mcap.flush()
+        ends = {"outcome": outcome, "time": str(t), "digest": self.digest, **ending}
+        self._mcap.metadata("end", sealed(ends))
+        self._mcap.finish()
+        if isinstance(self._file, LogFile):
+            self._file.finish()
+
+    @property
+    def path(self) -> Path | None:
+        """Where the log is or will be; None if it is in memory only."""
+        return self._file.path if isinstance(self._file, LogFile) and self._file.memory is None else None
+
+    @property
+    def trouble(self) -> str:
+        """Why there is no file although one was wanted, one sentence; empty if all is well."""
+        return self._file.trouble if isinstance(self._file, LogFile) else ""
+
+    @property
+    def stream(self) -> BytesIO | None:
+        """The log in memory; None if it is in a file."""
+        return self._file.memory if isinstance(self._file, LogFile) else self._file
 
     def log(self) -> Log:
         """The finished log, read back."""
-        return read_log(self.path or self.stream)
+        return read_log(self.path or self.stream or BytesIO())
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        try:
-            self.close("aborted", self._time, error=repr(error) if error else "")
-        except LogError:
-            if error is None:
-                raise
+        self.close("aborted", self._time, error=repr(error) if error else "")
 
     def _write(self, topic: str, t: int, data: bytes) -> None:
         channel, prefix = self._channels[topic]
-        try:
-            if t >= self._flush_due:
-                self._flush_due = (t // FLUSH_PERIOD + 1) * FLUSH_PERIOD
-                self._mcap.flush()
-            self._mcap.message(channel, t, data)
-        except (OSError, ValueError) as error:
-            raise self._failure(error) from error
+        if t >= self._flush_due:
+            self._flush_due = (t // FLUSH_PERIOD + 1) * FLUSH_PERIOD
+            self._mcap.flush()
+        self._mcap.message(channel, t, data)
         if topic != TIMING:
             self._hash.update(prefix + _HEADER.pack(t, len(data)) + data)
         for listener in self.listeners:
             listener(topic, t, data)
         self._time = t
-
-    def _finish(self, ending: Mapping[str, str]) -> None:
-        self._mcap.flush()
-        self._mcap.metadata("end", ending)
-        self._mcap.finish()
-        if self.path is not None:
-            self.stream.flush()
-            os.fsync(self.stream.fileno())
-            self.stream.close()
-            _part(self.path).rename(self.path)
-
-    def _failure(self, error: Exception) -> LogError:
-        """Give the file up as it is."""
-        self._failed = True
-        if self.path is not None:
-            with suppress(OSError):
-                self.stream.close()
-        return LogError(f"the log {self.path} cannot be written ({error}): make room or record to another folder")
-
-
-def _part(path: Path) -> Path:
-    return path.with_name(path.name + ".part")
-
-
-def _create(path: Path) -> IO[bytes]:
-    for taken in (path, _part(path)):
-        if taken.exists():
-            raise LogError(f"the log {taken} exists already: choose another name or move it away")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return _part(path).open("xb")

@@ -1,5 +1,8 @@
 """Intervals and sensitivities. SciPy does the mathematics; here stands which of it, and what happens at the edges."""
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +31,13 @@ def mean_interval(values: Array) -> Interval:
 
 
 def median_interval(values: Array) -> Interval:
-    """Median with a percentile bootstrap interval: BCa's jackknife is undefined for a median."""
-    return _bootstrapped(values, np.median, "percentile")
+    """Lower median with a percentile bootstrap interval: BCa's jackknife is undefined for a median."""
+    return _bootstrapped(values, _lower_median, "percentile")
+
+
+def _lower_median(values: Array, axis: int = -1) -> Array:
+    """The middle value, of an even number the lower one: always one of the values."""
+    return np.quantile(values, 0.5, axis=axis, method="lower")
 
 
 def paired_interval(a: Array, b: Array) -> Interval:
@@ -41,23 +49,39 @@ def paired_interval(a: Array, b: Array) -> Interval:
 
 
 def _bootstrapped(values: Array, statistic: object, method: str = "BCa") -> Interval:
-    from scipy.stats import bootstrap
-
     values = values[np.isfinite(values)]
     n = len(values)
     if n == 0:
         return Interval(np.nan, np.nan, np.nan, 0)
     estimate = float(statistic(values))  # type: ignore[operator]
-    if n < 2 or np.ptp(values) <= 1e-12 * np.abs(values).max():
+    if n < 2 or np.ptp(values) <= 1e-10 * np.abs(values).max():
         # One value says nothing about its scatter; equal values have none.
         return Interval(estimate, *((estimate, estimate) if n > 1 else (np.nan, np.nan)), n)
     if n >= LARGE and statistic is np.mean:
         half = 1.959964 * float(values.std(ddof=1)) / np.sqrt(n)
         return Interval(estimate, estimate - half, estimate + half, n)
-    found = bootstrap(
-        (values,), statistic, confidence_level=CONFIDENCE, n_resamples=RESAMPLES, method=method, vectorized=True, rng=0
-    ).confidence_interval
-    return Interval(estimate, float(found.low), float(found.high), n)
+    return Interval(estimate, *_resampled(values, statistic, method), n)
+
+
+def _resampled(values: Array, statistic: object, method: str) -> tuple[float, float]:
+    """Bootstrap limits; by percentiles where the values leave BCa undefined."""
+    from scipy.stats import bootstrap
+
+    for way in (method, "percentile"):
+        with _degenerate_allowed():
+            options = {"confidence_level": CONFIDENCE, "n_resamples": RESAMPLES, "method": way, "vectorized": True, "rng": 0}
+            found = bootstrap((values,), statistic, **options).confidence_interval
+        if np.isfinite([found.low, found.high]).all():
+            break
+    return float(found.low), float(found.high)
+
+
+@contextmanager
+def _degenerate_allowed() -> Iterator[None]:
+    """Where a jackknife has no scatter SciPy divides by zero, and gives NaN."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        yield
 
 
 def wilson(failures: int, n: int) -> Interval:
@@ -95,7 +119,8 @@ def sobol(A: Array, B: Array, AB: Array) -> Sensitivity:
         nothing = [Interval(0.0, 0.0, 0.0, n)] * len(AB)
         return Sensitivity(nothing, nothing)
     found = sobol_indices(func={"f_A": A[None], "f_B": B[None], "f_AB": AB[:, None, :]}, n=n)
-    spread = found.bootstrap(confidence_level=CONFIDENCE, n_resamples=999)
+    with _degenerate_allowed():
+        spread = found.bootstrap(confidence_level=CONFIDENCE, n_resamples=999)
 
     def intervals(values: Array, limits: object) -> list[Interval]:
         low, high = np.ravel(limits.confidence_interval.low), np.ravel(limits.confidence_interval.high)  # type: ignore[attr-defined]

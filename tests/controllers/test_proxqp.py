@@ -148,3 +148,14 @@ def test_the_time_of_a_solve_is_measured():
     assert solver.solve_ns == 0
     solver(problem(AT_HOVER))
     assert solver.solve_ns > 0
+
+
+def test_where_memory_lies_does_not_change_a_digit():
+    """Vectorised sums may start where an address is even; malloc promises 16 bytes, which some vectors outgrow."""
+    rng, elsewhere = np.random.default_rng(0), []
+    qps = [problem(near(rng, size)) for size in (0.0, 0.3, 0.4, 1.5)]
+    answers = set()
+    for _ in range(30):
+        elsewhere.append((bytearray(int(rng.integers(1, 5000))), solver := ProxQp(STEPS)))
+        answers.add(b"".join(solution.u.tobytes() for solution in map(solver, qps) if solution))
+    assert len(answers) == 1

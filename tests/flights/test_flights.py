@@ -167,6 +167,16 @@ def test_same_experiment_same_flight(lab):
             assert list(map(bytes, messages.data)) == list(map(bytes, again.log.messages[topic].data)), topic
 
 
+@pytest.mark.parametrize("preset", ["ideal", "lab"])
+def test_the_next_flight_of_a_process_is_the_first_one_again(preset):
+    """Whatever lies about in memory by then: a study flies hundreds of flights in each process."""
+    rng, elsewhere, digests = np.random.default_rng(0), [], set()
+    for _ in range(8):
+        elsewhere.extend(bytearray(n) for n in rng.integers(1, 20_000, 20).tolist())
+        digests.add(flown(preset, "duration=0.5").flight_digest)
+    assert len(digests) == 1
+
+
 def test_the_log_flies_again(lab):
     assert fly(from_json(lab.log.experiment), log_dir=None).flight_digest == lab.flight_digest
 
@@ -204,7 +214,8 @@ def same(a, b):
 
 
 @pytest.mark.parametrize(
-    "change", ["controller.horizon=8", "controller.coupling=full", "mocap.position_noise=0.002", "radio=off", "mocap=off"]
+    "change",
+    ["controller.horizon=8", "controller.coupling=full", "mocap.position_noise=0.002", "radio=off", "mocap=off"],
 )
 def test_two_flights_of_one_seed_meet_the_same_wind(change, lab):
     """Shared random numbers: what one part draws, or does, does not shift another's chance."""

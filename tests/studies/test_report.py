@@ -35,7 +35,7 @@ def reports(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reports")
     work = partial(hooks.rough, 0.8)
     for name, tree in STUDIES.items():
-        study = study_of({"name": name, "base": BASE, "alternatives": PAIR, "replicates": 2, **tree})
+        study = study_of({"name": name, "base": BASE, "alternatives": PAIR, "replicates": 2, "metrics": ["rmse.x"], **tree})
         run_study(study, folder / name, backend=partial(_embedded, 2), work=work)
         write_report(folder / name)
     return folder
@@ -78,7 +78,7 @@ def test_every_command_in_a_figure_names_a_run_of_the_study(reports, name):
     assert set(shown) <= ids
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", ["map", "ladder"])
 def test_figures_are_the_same_bytes_every_time(reports, name):
     folder = reports / name
     first = {path.name: path.read_bytes() for path in (folder / "figures").iterdir()}

@@ -112,6 +112,9 @@ def _heat(axes: "Axes", mark: Heat) -> None:
         options |= {"vmin": -top, "vmax": top}
     elif mark.limits:
         options |= {"vmin": mark.limits[0], "vmax": mark.limits[1]}
+    for side, values in ((axes.set_xlim, mark.x), (axes.set_ylim, mark.y)):
+        if len(values) > 1:
+            side(1.5 * values[0] - 0.5 * values[1], 1.5 * values[-1] - 0.5 * values[-2])
     picture = axes.pcolormesh(mark.x, mark.y, np.ma.masked_invalid(mark.values), **options)
     axes.figure.colorbar(picture, ax=axes, label=mark.unit)
     if mark.failure is not None and np.nanmax(mark.failure) >= FAILURE > np.nanmin(mark.failure):

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.studies.report.figure import Curve, Figure, Panel
+from heli_twin.studies.report.figure import Curve, Figure, Panel, decades
 from heli_twin.studies.report.results import TIMES, Results
 from heli_twin.studies.report.words import metric, number
 
@@ -28,7 +28,9 @@ def effort(results: Results) -> Iterator[Figure]:
         x, y = mine["effort"], mine[results.study.score] * shown.factor
         clouds.append(Curve(name, x, y, style="points", commands=commands, color=place))
     if clouds:
-        panel = Panel("", "stick effort (variance of the inputs, full stick squared)", shown.label, clouds, x_log=True, y_log=True)
+        label = "stick effort (variance of the inputs, full stick squared)"
+        logs = (decades(np.concatenate([cloud[side] for cloud in clouds])) for side in (1, 2))
+        panel = Panel("", label, shown.label, clouds, *logs)
         lost = int(results.failed.sum())
         tail = f"; {lost:,} failed flights are not shown" if lost else ""
         yield Figure("effort", "Effort against error", f"In the median, {'; '.join(facts)}{tail}.", [panel])
@@ -48,7 +50,7 @@ def timing(results: Results) -> Iterator[Figure]:
                 if name.endswith("p99"):
                     facts.append(f"{alternative} solves within {number(float(np.median(times)), 2)} ms in 99 % of its steps")
         if curves:
-            panels.append(Panel(_title(name), "ms", "% of flights below", curves, x_log=True))
+            panels.append(Panel(_title(name), "ms", "% of flights below", curves, decades(np.concatenate([c.x for c in curves]))))
     if panels:
         text = "; ".join(facts) + " (median over the flights, on the machines named below)."
         yield Figure("solve-times", "Solve times", text, panels)

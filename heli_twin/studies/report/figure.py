@@ -120,3 +120,9 @@ def shades(bars: Bars) -> list[str]:
 def color(number: int) -> str:
     """The colour of the n-th alternative."""
     return COLORS[number % len(COLORS)]
+
+
+def decades(values: Array) -> bool:
+    """Whether values are better shown on a logarithmic axis."""
+    values = values[np.isfinite(values)]
+    return bool(len(values) and values.min() > 0 and values.max() > 30 * values.min())

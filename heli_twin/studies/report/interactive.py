@@ -13,6 +13,8 @@ WIDE, NARROW = 1100, 360
 """Width that the two layouts are made for, px."""
 ROW = 330
 """Height of a row of panels, px."""
+DIVERGING = [[0.0, "#2166ac"], [0.5, "#f7f7f7"], [1.0, "#b2182b"]]
+"""Blue is less, red is more."""
 DASHES = {"dashes": "dash"}
 
 
@@ -31,12 +33,13 @@ def spec(figure: Figure) -> dict[str, Any]:
         for mark in panel.marks:
             for trace in _traces(panel, mark):
                 label = trace.get("name", "")
+                if trace.get("type") == "heatmap":
+                    trace["coloraxis"] = f"coloraxis{_tail(number)}"
                 trace |= {"xaxis": f"x{_tail(number)}", "yaxis": f"y{_tail(number)}", "legendgroup": label}
                 trace["showlegend"] = bool(label) and trace.get("showlegend", True) and label not in seen
                 seen |= {label} if trace["showlegend"] else set()
                 traces.append(trace)
     columns = 1 if len(figure.panels) == 1 else 3 if len(figure.panels) > 4 else 2
-    _place_color_bars(figure, traces, columns)
     return {
         "data": traces,
         "layout": _layout(figure, columns, WIDE),
@@ -103,13 +106,6 @@ def _heat(mark: Heat) -> Iterator[Trace]:
     z = [_list(row) for row in mark.values]
     trace: Trace = {"type": "heatmap", "x": _list(mark.x), "y": _list(mark.y), "z": z, "showlegend": False}
     trace["hovertemplate"] = f"%{{x:.4g}}, %{{y:.4g}}: %{{z:.3g}} {mark.unit}<extra></extra>"
-    trace["colorbar"] = {"title": {"text": mark.unit}, "thickness": 10}
-    if mark.diverging:
-        trace |= {"colorscale": "RdBu", "reversescale": True, "zmid": 0}
-    else:
-        trace |= {"colorscale": "Cividis"}
-        if mark.limits:
-            trace |= {"zmin": mark.limits[0], "zmax": mark.limits[1]}
     if mark.commands:
         trace["customdata"] = [list(row) for row in mark.commands]
     yield trace
@@ -122,48 +118,55 @@ def _heat(mark: Heat) -> Iterator[Trace]:
         }  # fmt: skip
 
 
-def _place_color_bars(figure: Figure, traces: list[Trace], columns: int) -> None:
-    """One colour bar for the maps, one for the differences: to the right of the last panel of each."""
-    last: dict[bool, Trace] = {}
-    for trace in traces:
-        if trace.get("type") == "heatmap":
-            trace["showscale"] = False
-            last["zmid" in trace] = trace
-    for place, trace in enumerate(last.values()):
-        trace["showscale"] = True
-        trace["colorbar"] |= {"x": 1.0 + 0.09 * place, "len": 0.9}
-
-
 def _layout(figure: Figure, columns: int, width: int) -> dict[str, Any]:
     rows = -(-len(figure.panels) // columns)
     names = max((len(_names(panel)) for panel in figure.panels), default=0)
     height = max(ROW if width == WIDE else 280, 34 * names + 120)
+    total = rows * height
     layout: dict[str, Any] = {
-        "height": rows * height + 60,
-        "margin": {"l": 60, "r": 20, "t": 40, "b": 50},
-        "legend": {"orientation": "h", "y": -60 / (rows * height), "yanchor": "top"},
-        "template": {"layout": {"font": {"family": "system-ui, sans-serif", "size": 12}}},
+        "height": total + 130,
+        "margin": {"l": 60, "r": 20, "t": 40, "b": 90},
+        "legend": {"orientation": "h", "y": -55 / total, "yanchor": "top"},
+        "font": {"family": "system-ui, sans-serif", "size": 12},
         "plot_bgcolor": "#fff",
         "hovermode": "closest",
         "annotations": [],
     }
-    left = 0.25 if names and width == WIDE and columns > 1 else 0.06 if columns > 1 else 0.0
-    gap_y = 95 / (rows * height)
+    wide_names = names and width == WIDE and columns > 1
+    left = 0.25 if wide_names else 0.15 if columns > 1 else 0.0
+    gap = 95 / total
+    tall = (1 - (rows - 1) * gap) / rows
     for number, panel in enumerate(figure.panels):
         row, column = divmod(number, columns)
         x0, x1 = (column + left * (column > 0)) / columns, (column + 1) / columns - (0.02 if columns > 1 else 0)
-        y1 = 1 - row / rows
-        y0 = y1 - 1 / rows + (gap_y if rows > 1 else 0)
+        y1 = 1 - row * (tall + gap)
         tail = _tail(number + 1)
+        heat = next((mark for mark in panel.marks if isinstance(mark, Heat)), None)
+        if heat is not None:
+            layout[f"coloraxis{tail}"] = _color_axis(heat, x1 - 0.06, y1 - tall, tall)
+            x1 -= 0.07
         layout[f"xaxis{tail}"] = _x_axis(panel, [x0, x1], tail)
-        layout[f"yaxis{tail}"] = _y_axis(panel, [y0, y1], tail)
+        layout[f"yaxis{tail}"] = _y_axis(panel, [max(0.0, y1 - tall), y1], tail)
         layout["annotations"].append(_title(panel, x0, y1))
     return layout
+
+
+def _color_axis(mark: Heat, x: float, y: float, length: float) -> dict[str, Any]:
+    """A map's colours, with their bar to the right of it."""
+    bar = {"title": {"text": mark.unit}, "thickness": 10, "x": x, "xanchor": "left", "y": y, "yanchor": "bottom", "len": length}
+    if mark.diverging:
+        return {"colorscale": DIVERGING, "cmid": 0, "colorbar": bar}
+    ends = {"cmin": mark.limits[0], "cmax": mark.limits[1]} if mark.limits else {}
+    return {"colorscale": "Cividis", "colorbar": bar, **ends}
 
 
 def _x_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
     axis: dict[str, Any] = {"domain": domain, "anchor": f"y{tail}", "title": {"text": panel.x_label}, "zeroline": False}
     axis |= {"gridcolor": "#eee", "linecolor": "#888", "ticks": "outside", "type": "log" if panel.x_log else "linear"}
+    if panel.x_log:
+        axis["dtick"] = "D2"
+    if edges := _edges(panel, 0):
+        axis["range"] = edges
     if panel.x_names:
         axis |= {"tickvals": list(range(len(panel.x_names))), "ticktext": list(panel.x_names)}
     return axis
@@ -178,7 +181,18 @@ def _y_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
         return axis | {
             "tickvals": list(range(len(names))), "ticktext": list(names), "range": [len(names) - 0.4, -0.6], "automargin": True
         }  # fmt: skip
-    return axis | {"type": "log" if panel.y_log else "linear", "rangemode": "tozero"}
+    if edges := _edges(panel, 1):
+        return axis | {"range": edges}
+    return axis | ({"type": "log", "dtick": "D2"} if panel.y_log else {"rangemode": "tozero"})
+
+
+def _edges(panel: Panel, side: int) -> list[float]:
+    """The whole of a map, its empty cells too."""
+    for mark in panel.marks:
+        if isinstance(mark, Heat) and len(mark[side]) > 1:
+            values = mark[side]
+            return [float(1.5 * values[0] - 0.5 * values[1]), float(1.5 * values[-1] - 0.5 * values[-2])]
+    return []
 
 
 def _title(panel: Panel, x: float, y: float) -> dict[str, Any]:

@@ -1,13 +1,15 @@
 """Errors over the axes: curves along one, maps over two, clouds over many."""
 
+import warnings
+from collections import Counter
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heli_twin.studies.inference import grouped_mean
-from heli_twin.studies.report.figure import FAILURE, Array, Curve, Figure, Heat, Panel
+from heli_twin.studies.report.figure import FAILURE, Array, Curve, Figure, Heat, Panel, decades
 from heli_twin.studies.report.results import Results
 from heli_twin.studies.report.words import field, listed, metric, number
 
@@ -76,40 +78,75 @@ def _series(results: Results, rest: list[str]) -> dict[str, NDArray[np.bool_]]:
 def _sweep_sentence(
     results: Results, path: str, values: NDArray, place: NDArray, series: dict[str, NDArray], chosen: list[str]
 ) -> str:
-    """Where the curves cross, or who is better; and what failed."""
-    names = list(series)
+    """Who is best where; and what failed."""
     facts = []
-    if len(names) > 1:
-        for name in chosen[:5]:
-            a, b = (grouped_mean(place[series[n]], results.where(series[n]).metric(name), len(values)).mean for n in names[:2])
-            facts.append(f"{metric(name).name}: {_who(a, b, names, values, results, path)}")
-    else:
-        mean = grouped_mean(place, results.metric(chosen[0]), len(values)).mean
-        shown = metric(chosen[0])
-        facts.append(
-            f"{shown.name} goes from {number(mean[0] * shown.factor)} to {number(mean[-1] * shown.factor)} {shown.unit}"
-        )
-    failed = int(results.failed.sum())
-    return f"{'; '.join(facts)}; {failed} of {len(results):,} flights failed."
+    scale = field(path, values.tolist()) if results.is_number(path) else None
+    shown = [f"{number(value * scale.factor)} {scale.unit}".rstrip() if scale else str(value) for value in values]
+    for name in chosen[:5]:
+        what = metric(name)
+        if len(series) > 1:
+            leaders = _leaders(results, results.metric(name), place, len(values), series)
+            facts.append(f"{what.name}: {_told(leaders, shown, list(series))}")
+        else:
+            mean = what.factor * grouped_mean(place, results.metric(name), len(values)).mean
+            facts.append(f"{what.name} {number(mean[0])} {what.unit} at {shown[0]}, {number(mean[-1])} at {shown[-1]}")
+    return f"{'; '.join(facts)}; {int(results.failed.sum()):,} of {len(results):,} flights failed."
 
 
-def _who(a: Array, b: Array, names: list[str], values: NDArray, results: Results, path: str) -> str:
-    better = np.sign(b - a)
-    better = better[np.isfinite(better)]
-    if (better >= 0).all():
-        return f"{names[0]} better throughout"
-    if (better <= 0).all():
-        return f"{names[1]} better throughout"
-    where = [i for i, (p, q) in enumerate(pairwise(np.sign(b - a))) if p * q < 0]
-    if not results.is_number(path) or not where:
-        return f"{names[0]} better at {int((better > 0).sum())} of {len(better)} values"
-    scale = field(path, values.tolist())
-    crossing = listed([f"{number(_zero(values, a - b, i) * scale.factor)} {scale.unit}".rstrip() for i in where])
-    return f"{names[0]} and {names[1]} cross at {crossing}"
+def _leaders(
+    results: Results, metric_: Array, place: NDArray, groups: int, series: dict[str, NDArray]
+) -> list[tuple[str, ...]]:
+    """At each value, the best and those that the shared seeds cannot tell from it."""
+    scores = {name: _by_seed(results.where(mask), metric_[mask], place[mask], groups) for name, mask in series.items()}
+    found = []
+    for i in range(groups):
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            means = {name: np.nanmean(score[i]) for name, score in scores.items()}
+        there = [name for name, mean in means.items() if np.isfinite(mean)]
+        if not there:
+            found.append(())
+            continue
+        best = min(there, key=lambda name: means[name])
+        found.append(tuple(n for n in there if n == best or not _worse(scores[n][i] - scores[best][i])))
+    return found
 
 
-def _zero(x: NDArray, y: Array, i: int) -> float:
-    return float(x[i] - y[i] * (x[i + 1] - x[i]) / (y[i + 1] - y[i]))
+def _by_seed(rows: Results, values: Array, place: NDArray, groups: int) -> Array:
+    """(groups, replicates) of values; NaN where there is none."""
+    table = np.full((groups, rows.study.replicates), np.nan)
+    replicate = np.clip(rows["replicate"].astype(np.int64), 0, rows.study.replicates - 1)
+    table[place, replicate] = values
+    return table
+
+
+def _worse(differences: Array) -> bool:
+    """Whether paired differences are above zero beyond doubt; a single one is taken at its word."""
+    mean = grouped_mean(np.zeros(len(differences), np.int64), differences, 1)
+    return bool(mean.low[0] > 0 if mean.n[0] > 1 else mean.mean[0] > 0)
+
+
+def _told(leaders: list[tuple[str, ...]], shown: list[str], names: list[str]) -> str:
+    """`a best up to 1, b from 2 to 3, a beyond`."""
+    runs = [(key, [i for i, _ in group]) for key, group in groupby(enumerate(leaders), key=lambda item: item[1])]
+    if len(runs) == 1:
+        return "no difference" if set(runs[0][0]) == set(names) else f"{_best(runs[0][0], names)} throughout"
+    if len(runs) > 4:
+        counts = Counter(leaders).most_common(2)
+        return ", ".join(f"{_best(key, names)} at {count} of {len(leaders)} values" for key, count in counts)
+    words = []
+    for key, where in runs:
+        span = shown[where[0]] if len(where) == 1 else f"{shown[where[0]]} to {shown[where[-1]]}"
+        words.append(f"{_best(key, names)} at {span}")
+    return ", ".join(words)
+
+
+def _best(key: tuple[str, ...], names: list[str]) -> str:
+    if not key:
+        return "nobody completes"
+    if set(key) == set(names):
+        return "no difference"
+    return f"{listed(list(key))} best"
 
 
 def _maps(results: Results, across: str, up: str) -> Iterator[Figure]:
@@ -155,7 +192,7 @@ def _map_sentence(results: Results, found: dict, also: str) -> str:
             f"{number(np.nanmin(mean)) if np.isfinite(mean).any() else '-'} to "
             f"{number(np.nanmax(mean)) if np.isfinite(mean).any() else '-'} {shown.unit}"
         )
-    return "; ".join(facts) + f" (black line: half of the flights fail{also})."
+    return "; ".join(facts) + f" (black line: half of the flights fail; white: all of them{also})."
 
 
 def _clouds(results: Results, paths: list[str]) -> Figure:
@@ -171,14 +208,10 @@ def _clouds(results: Results, paths: list[str]) -> Figure:
             commands = [mine.command(i) for i in range(len(mine))]
             x, y = mine[path] * scale.factor, mine.penalised * shown.factor
             clouds.append(Curve(name, x, y, style="points", commands=commands, color=number_))
-        panels.append(Panel(path, scale.label, shown.label, clouds, y_log=_spans(kept.penalised)))
+        panels.append(Panel(path, scale.label, shown.label, clouds, y_log=decades(kept.penalised)))
     rates = [f"{name} fails in {int(results.of(name).failed.sum())}" for name in results.alternatives]
     sentence = f"Every flight a point, a failed one at the penalty of {results.study.penalty * shown.factor:g} {shown.unit}: "
     return Figure("clouds", "Over all axes", sentence + f"{listed(rates)} of {len(results):,} flights.", panels)
-
-
-def _spans(values: Array) -> bool:
-    return bool(values.min() > 0 and values.max() > 30 * values.min())
 
 
 def _worst_of(rows: Results, group: NDArray[np.int64], groups: int) -> list[str]:

@@ -31,9 +31,9 @@ def margins(results: Results) -> Iterator[Figure | Table]:
             commands = [command for _, command in found.values()]
             for criterion, text, command in zip(found, texts, commands, strict=True):
                 rows.append([path, alternative, _criterion(criterion, design), text, command])
-            sentences.append(f"{alternative} stands {path} up to {texts[0]} by {metric(next(iter(found))).name}")
+            sentences.append(f"{alternative}: {path} {texts[0]} by its {metric(next(iter(found))).name}")
         panels.append(Panel(path, scale.label, "", dots))
-    yield Figure("margins", "Margins", "; ".join(sentences) + ".", panels)
+    yield Figure("margins", "Margins", "How far each axis may go: " + "; ".join(sentences) + ".", panels)
     sentence = (
         f"Median over {results.study.replicates} shared seeds with its 95 % interval, found by bisection; "
         "a value beyond the range is one that was never reached; the command flies the first flight beyond the margin."
@@ -64,15 +64,16 @@ def _number(value: float) -> float | None:
 
 
 def _text(values: Array, axis: Axis, scale: Scale) -> str:
-    """`31 [28, 34] ms`; `> 100 ms` where more than half of the seeds reach no limit."""
-    low, high = axis.quantile(0.0) * scale.factor, axis.quantile(1.0) * scale.factor
-    middle = float(np.median(values)) if len(values) else np.nan
-    if not np.isfinite(middle):
-        bound = f"> {number(high)}" if middle > 0 else f"< {number(low)}"
-        return f"{bound} {scale.unit}".rstrip()
-    found = median_interval(np.clip(values, axis.quantile(0.0), axis.quantile(1.0)))
-    ends = f" [{number(found.low * scale.factor)}, {number(found.high * scale.factor)}]" if found.n > 1 else ""
-    return f"{number(middle * scale.factor)}{ends} {scale.unit}".rstrip()
+    """`31 [28, 34] ms`; `> 100 ms` where most seeds reach no limit."""
+    ends = axis.quantile(0.0), axis.quantile(1.0)
+    found = median_interval(np.clip(values, *ends))
+
+    def told(value: float) -> str:
+        beyond = "> " if value >= ends[1] and np.isposinf(values).any() else "< " if np.isneginf(values).any() else ""
+        return (beyond if value in ends else "") + number(value * scale.factor)
+
+    spread = f" [{told(found.low)}, {told(found.high)}]" if found.low < found.high else ""
+    return f"{told(found.value)}{spread} {scale.unit}".rstrip()
 
 
 def _dots(label: str, found: dict[str, tuple[Array, str]], texts: list[str], axis: Axis, factor: float) -> Dots:

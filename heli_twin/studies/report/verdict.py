@@ -18,7 +18,6 @@ def verdict(results: Results) -> Iterator[Table]:
     if len(names) > 1:
         header += [f"{name} minus {names[0]}, paired" for name in names[1:]]
     rows = [_failures(results, names)]
-    claims: list[str] = []
     score = metric(results.study.score)
     penalised = _cells(results, names, results.penalised, score.factor, score.unit)
     rows.append([f"score: {score.name}, a failure counts {results.study.penalty * score.factor:g} {score.unit}", *penalised])
@@ -27,8 +26,7 @@ def verdict(results: Results) -> Iterator[Table]:
         values = results.metric(name)
         if np.isfinite(values).any():
             rows.append([f"{scale.name} of completed flights", *_cells(results, names, values, scale.factor, scale.unit)])
-            claims += _claims(results, names, values, scale.name)
-    sentence = f"{len(results):,} flights; " + ("; ".join(claims[:4]) or "one setting, so nothing to compare") + "."
+    sentence = f"{len(results):,} flights; {_claim(results, names)}."
     yield Table("Verdict", sentence, header, rows)
 
 
@@ -47,11 +45,18 @@ def _cells(results: Results, names: list[str], values: Array, factor: float, uni
     return alone + [interval(_difference(results, values, name, names[0]), factor, unit) for name in names[1:]]
 
 
-def _claims(results: Results, names: list[str], values: Array, what: str) -> Iterator[str]:
-    for name in names[1:]:
-        found = _difference(results, values, name, names[0])
-        if found.n > 1 and (found.low > 0 or found.high < 0):
-            yield f"{what}: {name} {'worse' if found.low > 0 else 'better'} than {names[0]}"
+def _claim(results: Results, names: list[str]) -> str:
+    """Who is better and worse than the first, by the score of completed flights."""
+    if len(names) == 1:
+        return "one alternative, so nothing to compare"
+    found = {name: _difference(results, results.metric(results.study.score), name, names[0]) for name in names[1:]}
+    sides = {
+        "better": [name for name, difference in found.items() if difference.high < 0],
+        "worse": [name for name, difference in found.items() if difference.low > 0],
+    }
+    words = [f"{listed(some)} {'is' if len(some) == 1 else 'are'} {side}" for side, some in sides.items() if some]
+    by = f"by the {metric(results.study.score).name} of completed flights"
+    return f"{by} {' and '.join(words)} than {names[0]}" if words else f"{by} none differs from {names[0]}"
 
 
 def _difference(results: Results, values: Array, name: str, other: str) -> Interval:
@@ -66,8 +71,3 @@ def paired(results: Results, values: Array, name: str, other: str) -> tuple[Arra
     mine, theirs = results["alternative"] == name, results["alternative"] == other
     _, a, b = np.intersect1d(key[mine], key[theirs], assume_unique=False, return_indices=True)
     return values[mine][a], values[theirs][b]
-
-
-def axes_sentence(results: Results) -> str:
-    """What was varied."""
-    return listed([*results.axes]) if results.axes else "nothing but the seed"

@@ -1,0 +1,99 @@
+"""The file of a log while it grows, which becomes memory when the disk gives up."""
+
+import logging
+import os
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+
+from heli_twin.recording.schema import LogError
+
+_LOGGER = logging.getLogger(__name__)
+
+
+class LogFile:
+    """`NAME.mcap.part` until it is finished.
+
+    A disk that is full, or a folder that is gone, ends the file and not the flight: what was written stays in the
+    `.part` file, and the log goes on in memory, whole, so that the flight is measured like any other. It is told once.
+
+    Args:
+        path: Where the log shall be when the flight is over, `.../NAME.mcap`.
+
+    Raises:
+        LogError: The file exists already or cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.part = path, path.with_name(path.name + ".part")
+        for taken in (self.path, self.part):
+            if taken.exists():
+                raise LogError(f"the log {taken} exists already: choose another name or move it away")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # Unbuffered, because a buffer cannot be asked for what it could not write.
+            self._file = self.part.open("x+b", buffering=0)
+        except OSError as error:
+            raise LogError(f"the log {path} cannot be written ({_reason(error)}): record to another folder") from error
+        self._size = 0
+        self.memory: BytesIO | None = None
+        """The whole log, once the disk has given up."""
+        self.trouble = ""
+        """Why there is no file; one sentence."""
+
+    def write(self, data: bytes) -> None:
+        """Add bytes.
+
+        Raises:
+            LogError: The disk gave up so badly that what it holds cannot be read either.
+        """
+        if self.memory is None:
+            try:
+                self._write(data)
+                return
+            except OSError as error:
+                self._give_up(error)
+        assert self.memory is not None
+        self.memory.write(data)
+
+    def finish(self) -> None:
+        """Give the file its name."""
+        if self.memory is not None:
+            return
+        try:
+            os.fsync(self._file.fileno())
+            self.part.rename(self.path)
+            self._file.close()
+        except OSError as error:
+            self._give_up(error)
+
+    def discard(self) -> None:
+        """Remove the file, because nothing worth keeping is in it."""
+        self._file.close()
+        with suppress(OSError):
+            self.part.unlink()
+
+    def _write(self, data: bytes) -> None:
+        left = memoryview(data)
+        while left:
+            left = left[self._file.write(left) :]
+        self._size += len(data)
+
+    def _give_up(self, error: OSError) -> None:
+        try:
+            self._file.seek(0)
+            self.memory = BytesIO(self._file.read(self._size))
+        except OSError as worse:
+            raise LogError(f"the log {self.path} is lost ({_reason(worse)}): record to another disk") from error
+        finally:
+            with suppress(OSError):
+                self._file.close()
+        self.memory.seek(0, os.SEEK_END)
+        self.trouble = f"the log {self.path} cannot be written ({_reason(error)}): the flight goes on without it"
+        if self.part.exists():
+            self.trouble += f"; make room, then `heli-twin recover {self.part}` keeps what was written until then"
+        _LOGGER.warning("%s", self.trouble)
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)

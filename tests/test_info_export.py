@@ -1,0 +1,143 @@
+"""What a log tells of itself, as text, as JSON and as tables."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from mcap.reader import make_reader
+
+from heli_twin import HeliTwinError, fly, load, read_log
+from heli_twin.cli import main
+from heli_twin.commands.info import LONGEST, about, plain
+from heli_twin.commands.recover import lost, saved
+from heli_twin.metrics import metrics
+from heli_twin.recording import Log, recover
+from heli_twin.refly import opened
+from heli_twin.tables import TOPICS, table, tables
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    flown = fly(load("lab", ["duration=3", "seed=5", "radio=off"]), log_dir=tmp_path_factory.mktemp("flight")).path
+    assert flown is not None
+    return flown
+
+
+@pytest.fixture(scope="module")
+def log(path: Path) -> Log:
+    return read_log(path)
+
+
+def test_info_names_what_was_changed(log: Log) -> None:
+    assert sorted(about(log)["overrides"]) == ["duration=3.0", "radio=off", "seed=5"]
+
+
+def test_info_counts_what_is_there(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["size"] == path.stat().st_size
+    assert found["topics"]["/truth"]["messages"] == 151
+    # 150 periods between 151 messages.
+    assert found["topics"]["/truth"]["rate"] == pytest.approx(50.0, abs=1e-9)
+    assert found["metrics"] == json.loads(json.dumps(metrics(read_log(path))))
+    assert (found["outcome"], found["duration"]) == ("completed", 3.0)
+
+
+def test_info_reads_a_log_whose_experiment_it_cannot_fly(log: Log) -> None:
+    found = about(replace(log, experiment='{"wings": 2}'))
+    assert found["experiment"] is None
+    assert "wings" in found["experiment_problem"]
+
+
+def test_a_logs_text_cannot_command_a_terminal() -> None:
+    assert plain("a\x1b[2J\r\nb") == "a?[2J??b"
+    assert len(plain("x" * 10_000)) == LONGEST + 3
+
+
+def test_info_prints_for_a_person(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(path)]) == 0
+    out = capsys.readouterr().out
+    for words in ("radio=off", "completed after 3 s", "/mocap/pose", "version.mujoco"):
+        assert words in out
+
+
+def test_an_ending_that_is_no_time_is_refused(log: Log, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for time in ("soon", "9" * 30, "-1", "\u0663"):
+        forged = replace(log, ending={**log.ending, "time": time})
+        monkeypatch.setattr("heli_twin.refly.read_log", lambda source, forged=forged: forged)
+        with pytest.raises(HeliTwinError, match="no time"):
+            opened(path)
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_a_table_holds_the_columns_of_the_log(log: Log, topic: str) -> None:
+    found = table(log, topic)
+    assert found.num_rows == len(log.messages[topic].times)
+    if topic != "/events":
+        for name, values in getattr(log, TOPICS[topic])._asdict().items():
+            column = found.column(name).combine_chunks()
+            while isinstance(column, pa.FixedSizeListArray):
+                column = column.flatten()
+            np.testing.assert_array_equal(np.array(column.to_pylist()), values.reshape(-1))
+
+
+def test_numbers_are_not_copied(log: Log) -> None:
+    column = table(log, "/truth").column("position").chunk(0)
+    numbers = column.values.to_numpy(zero_copy_only=True)
+    assert np.shares_memory(numbers, log.truth.position)
+
+
+def test_every_wire_with_messages_is_a_table(log: Log) -> None:
+    assert set(tables(log)) == set(TOPICS)
+    assert tables(Log({})) == {}
+
+
+def test_parquet_survives_the_way_to_a_file(path: Path, log: Log, tmp_path: Path) -> None:
+    assert main(["export", str(path), "--parquet", str(tmp_path)]) == 0
+    back = pq.read_table(tmp_path / "mpc_plan.parquet")
+    assert back.equals(table(log, "/mpc/plan"))
+    assert back.schema.metadata[b"digest"].decode() == log.digest
+    assert {file.stem for file in tmp_path.iterdir()} == {topic[1:].replace("/", "_") for topic in TOPICS}
+
+
+def test_export_overwrites_nothing(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "truth.parquet").write_text("mine")
+    assert main(["export", str(path), "--parquet", str(tmp_path)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (tmp_path / "truth.parquet").read_text() == "mine"
+
+
+def test_an_unknown_topic_is_refused(log: Log) -> None:
+    with pytest.raises(HeliTwinError, match="/mocap/pose"):
+        table(log, "/mocap")
+
+
+def test_recover_says_what_was_saved_and_lost(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    broken = tmp_path / "run.mcap.part"
+    broken.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    assert main(["recover", str(broken)]) == 0
+    out = capsys.readouterr().out
+    log = read_log(tmp_path / "run.mcap")
+    assert f"{1e-9 * max(log.sent.time[-1], log.acting.time[-1]):.2f} s of flight" in out
+    assert "how the flight ended" in out
+    assert main(["recover", str(broken)]) == 2
+
+
+def test_recover_finds_the_gap_of_a_damaged_place(path: Path, tmp_path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[2]
+    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
+    broken = tmp_path / "run.mcap"
+    broken.write_bytes(data)
+    log = read_log(recover(broken))
+    # The recorder writes a chunk every 0.5 s; the gap goes from control step to control step.
+    assert lost(log) == "0.52 s from 0.98 s on"
+    assert "how the flight ended" not in lost(log)
+    assert "s of flight" in saved(log)
