@@ -22,7 +22,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for found in iter_modules(commands.__path__):
         import_module(f"{commands.__name__}.{found.name}").add(subparsers)
-    parsed = parser.parse_args(arguments)
+    parsed, left = parser.parse_known_args(arguments)
+    # argparse gives up on words that continue after an option: `fly lab --json seed=1`.
+    words = next((getattr(parsed, name) for name in ("experiment", "overrides") if hasattr(parsed, name)), None)
+    if left and (words is None or any(word.startswith("-") for word in left)):
+        parser.error(f"unrecognized arguments: {' '.join(left)}")
+    if words is not None:
+        words.extend(left)
     try:
         code = parsed.run(parsed)
         sys.stdout.flush()

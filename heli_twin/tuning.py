@@ -21,13 +21,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.laws import ControlLaw
 from controllers.laws.ltv_mpc import LtvMpc
 from controllers.laws.pid import Pid
 from controllers.trajectories.waypoints import Point, Waypoints
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
-from heli_twin.fleet import Run, fleet
+from heli_twin.fleet import Run
 from heli_twin.metrics import AXES
 from heli_twin.recording import Log
 from heli_twin.ultimate_gain import Ultimate
@@ -41,7 +40,7 @@ STEP = log(1.6)
 REACH = log(8.0)
 """A gain stays within this factor of where it started."""
 INTEGRAL_CUT = 3.0
-"""Ziegler and Nichols' integral gain over what the search starts from: theirs answers steps of load, and overshoots."""
+"""Ziegler and Nichols' integral gain over what the search starts from: theirs answers loads, and overshoots."""
 LOST = 1e6
 """Cost of a trial whose flight ended early."""
 
@@ -56,6 +55,7 @@ _MOVES: tuple[Point, ...] = (
 MOVE, REST = 1.2, 2.8
 """How long a move takes, and how long the helicopter stands before the next, s."""
 
+Law = Pid | LtvMpc
 Gains = dict[str, dict[str, float]]
 """By axis, then by name."""
 
@@ -105,7 +105,7 @@ class Trial(NamedTuple):
 class Tuned:
     """A tuned controller."""
 
-    law: ControlLaw
+    law: Law
     start: Trial
     best: Trial
     trials: int
@@ -115,7 +115,7 @@ class Tuned:
     def as_json(self) -> dict[str, Any]:
         """The result as `heli-twin tune --json` prints it."""
         return {
-            "controller": self.law.kind,  # pyright: ignore[reportAttributeAccessIssue]
+            "controller": self.law.kind,
             "ultimate": {u.axis: {"Ku": u.gain, "Tu": u.period, "damping": u.damping} for u in self.ultimates},
             "gains": self.best.gains,
             "start": self.start.gains,
@@ -127,6 +127,7 @@ class Tuned:
 
 def tune(
     base: Experiment,
+    run: Run,
     budget: int = BUDGET,
     ultimates: tuple[Ultimate, ...] = (),
     progress: Callable[[], None] = lambda: None,
@@ -135,63 +136,62 @@ def tune(
 
     Args:
         base: The lab and the controller to start from.
-        budget: Trials, each flown with every seed.
+        run: What flies, see `fleet`.
+        budget: Trials; 1 leaves the start as it is.
         ultimates: A PID starts from these by Ziegler and Nichols' rules.
         progress: Told of every trial.
 
     Raises:
         HeliTwinError: The controller is of another kind, or its start cannot be flown.
     """
-    gains = start_gains(base.controller, ultimates)
-    with fleet() as run:
-        search = _Search(base, gains, run, progress)
-        while search.trials < budget and search.round(budget - search.trials):
-            pass
+    law = base.controller
+    if not isinstance(law, Law):
+        raise HeliTwinError(f"cannot tune a {type(law).__name__}: take controller=pid or controller=ltv_mpc")
+    gains = start_gains(law, ultimates)
+    search = _Search(base, law, gains, run, progress)
+    while search.trials < budget and search.round(budget - search.trials):
+        pass
     best = Trial({a: {n: float(f"{g:.3g}") for n, g in names.items()} for a, names in search.best.items()}, search.cost)
-    return Tuned(with_gains(base.controller, best.gains), Trial(gains, search.start), best, search.trials, ultimates)
+    return Tuned(with_gains(law, best.gains), Trial(gains, search.start), best, search.trials, ultimates)
 
 
-def start_gains(law: ControlLaw, ultimates: tuple[Ultimate, ...] = ()) -> Gains:
+def start_gains(law: Law, ultimates: tuple[Ultimate, ...] = ()) -> Gains:
     """What is tuned of a controller, by axis.
 
     The MPC's input weights stay: doubling all weights changes nothing, so that one of each axis has to.
     """
-    match law:
-        case Pid():
-            gains = {a: {f"{g}_{a}": float(getattr(law, f"{g}_{a}")) for g in "pid"} for a in AXES}
-            for u in ultimates:
-                p, i, d = u.gains()
-                gains[u.axis] = {f"p_{u.axis}": p, f"i_{u.axis}": i / INTEGRAL_CUT, f"d_{u.axis}": d}
-            return gains
-        case LtvMpc():
-            places = {"x": (0, 4, 8), "y": (1, 5, 9), "z": (2, 6), "yaw": (3, 7)}
-            return {a: {f"Q[{i}]": float(law.Q[i]) for i in indices} for a, indices in places.items()}
-        case _:
-            raise HeliTwinError(f"cannot tune a {type(law).__name__}: take pid or ltv_mpc")
+    if isinstance(law, LtvMpc):
+        places = {"x": (0, 4, 8), "y": (1, 5, 9), "z": (2, 6), "yaw": (3, 7)}
+        return {axis: {f"Q[{i}]": float(law.Q[i]) for i in indices} for axis, indices in places.items()}
+    gains = {a: {f"{term}_{a}": float(getattr(law, f"{term}_{a}")) for term in "pid"} for a in AXES}
+    for u in ultimates:
+        p, i, d = u.gains()
+        gains[u.axis] = {f"p_{u.axis}": p, f"i_{u.axis}": i / INTEGRAL_CUT, f"d_{u.axis}": d}
+    return gains
 
 
-def with_gains(law: ControlLaw, gains: Gains) -> ControlLaw:
+def with_gains(law: Law, gains: Gains) -> Law:
     """The controller with these gains."""
-    flat: dict[str, float] = {}
+    flat: dict[str, Any] = {}
     for names in gains.values():
         flat |= names
     if isinstance(law, LtvMpc):
-        Q: Any = tuple(flat[f"Q[{i}]"] for i in range(len(law.Q)))
-        return replace(law, Q=Q)
-    assert isinstance(law, Pid)
+        flat = {"Q": tuple(flat[f"Q[{i}]"] for i in range(len(law.Q)))}
     return replace(law, **flat)
 
 
 class _Search:
     """A pattern search on each axis, in lockstep."""
 
-    def __init__(self, base: Experiment, gains: Gains, run: Run, progress: Callable[[], None]) -> None:
-        self._base, self._run, self._progress = base, run, progress
+    def __init__(self, base: Experiment, law: Law, gains: Gains, run: Run, progress: Callable[[], None]) -> None:
+        self._base, self._law, self._run, self._progress = base, law, run, progress
         self._origin = gains
         self.best, self.trials = gains, 0
         self.start = self.cost = self._try([gains])[0]
         if max(self.cost.values()) >= LOST:
-            raise HeliTwinError("the controller to start from does not fly the moves it is tuned on: start from another")
+            raise HeliTwinError(
+                "the controller to start from cannot fly the moves it is tuned on: check the experiment's overrides"
+            )
         self._step = dict.fromkeys(gains, STEP)
 
     def round(self, budget: int) -> bool:
@@ -209,14 +209,16 @@ class _Search:
         return max(self._step.values()) >= STEP / 16.0
 
     def _changed(self, axis: str, i: int, sign: float) -> dict[str, float]:
-        """The gains of an axis with the i-th one changed; as they are where there is none, or at the end of its reach."""
+        """The gains of an axis with the i-th one changed, within its reach; as they are where there is none."""
         names = list(self.best[axis])
         if i >= len(names):
             return self.best[axis]
         name = names[i]
-        origin = log(self._origin[axis][name])
-        moved = np.clip(log(self.best[axis][name]) + sign * self._step[axis], origin - REACH, origin + REACH)
-        return self.best[axis] | {name: exp(moved)}
+        origin = self._origin[axis][name]
+        if origin <= 0.0:
+            return self.best[axis]
+        moved = log(self.best[axis][name]) + sign * self._step[axis]
+        return self.best[axis] | {name: exp(min(max(moved, log(origin) - REACH), log(origin) + REACH))}
 
     def _try(self, trials: list[Gains]) -> list[dict[str, float]]:
         """The cost of each trial."""
@@ -236,11 +238,10 @@ class _Search:
         return costs
 
     def _flights(self, gains: Gains) -> list[Experiment]:
-        law = self._base.controller
-        flights = [(with_gains(law, gains), seed) for seed in SEEDS]
-        if isinstance(law, Pid):
+        flights = [(with_gains(self._law, gains), seed) for seed in SEEDS]
+        if isinstance(self._law, Pid):
             doubled = {a: {n: 2.0 * g for n, g in names.items()} for a, names in gains.items()}
-            flights.append((with_gains(law, doubled), SEEDS[0]))
+            flights.append((with_gains(self._law, doubled), SEEDS[0]))
         path = moves()
         return [
             replace(self._base, controller=c, trajectory=path, duration=path.times[-1], seed=self._base.seed + seed)

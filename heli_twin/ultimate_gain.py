@@ -93,7 +93,7 @@ def find_ultimate(base: Experiment, axis: str) -> Ultimate:
         axis: x, y, z or yaw.
 
     Raises:
-        HeliTwinError: The controller is no Pid, or the axis does not ring at any gain.
+        HeliTwinError: The controller is no PID, or the axis does not ring at any gain.
     """
     law = base.controller
     if not isinstance(law, Pid):

@@ -42,5 +42,7 @@ def add_experiment(parser: ArgumentParser) -> None:
 def experiment_arguments(parsed: Namespace) -> tuple[str | None, list[str]]:
     """The preset or file, if one was given, and the overrides."""
     words: list[str] = list(parsed.experiment)
-    source = words.pop(0) if words and "=" not in words[0] else None
+    source = next((word for word in words if "=" not in word), None)
+    if source is not None:
+        words.remove(source)
     return source, words

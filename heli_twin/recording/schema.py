@@ -37,7 +37,13 @@ SEAL = "crc32"
 
 
 def sealed(data: Mapping[str, str]) -> dict[str, str]:
-    """Metadata with its checksum."""
+    """Metadata with its checksum.
+
+    Raises:
+        LogError: The metadata have a key of that name.
+    """
+    if SEAL in data:
+        raise LogError(f"metadata cannot have the key {SEAL!r}, for their checksum has it: choose another name")
     text = "\0".join(part for item in sorted(data.items()) for part in item)
     return {**data, SEAL: f"{zlib.crc32(text.encode('utf-8', 'surrogatepass')):08x}"}
 

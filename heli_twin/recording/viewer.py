@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
-from tempfile import TemporaryFile
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import IO
 
 from rerun.experimental import ViewerClient
@@ -71,9 +71,11 @@ def _headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         port = probe.getsockname()[1]
-    with TemporaryFile() as said:
+    # A viewer that is killed leaves its cache behind, so it gets a place of its own.
+    with TemporaryDirectory(ignore_cleanup_errors=True) as place, TemporaryFile() as said:
         window = f"{size[0]}x{size[1]}"
-        process = _start(port, "--headless", "--hide-welcome-screen", "--window-size", window, output=said)
+        options = ("--headless", "--hide-welcome-screen", "--window-size", window)
+        process = _start(port, *options, output=said, TMPDIR=place)
         try:
             if not _comes_up(process, port):
                 raise LogError(f"the viewer did not start in {START:g} s: try again when the machine is less busy")
@@ -107,10 +109,10 @@ def _why(said: str) -> str:
     return f"the viewer died ({last}): try `rerun --headless` by itself to see why"
 
 
-def _start(port: int, *options: str, output: int | IO[bytes]) -> subprocess.Popen[bytes]:
+def _start(port: int, *options: str, output: int | IO[bytes], **variables: str) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "rerun", "--port", str(port), "--bind", HOST, *options]
     # Below errors the viewer shows its own log as notes in front of the picture.
-    environment = os.environ | {"RUST_LOG": "off"}
+    environment = os.environ | {"RUST_LOG": "off"} | variables
     return subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True, env=environment)
 
 

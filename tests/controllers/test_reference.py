@@ -34,6 +34,14 @@ def test_a_preview_is_the_trajectory_from_its_stamp_on(origin, asked):
         np.testing.assert_allclose(reference.u, feed_forward(Model(), CIRCLE.flat(t[:-1])), rtol=0, atol=1e-13)
 
 
+def test_a_preview_is_whole_at_every_step_of_a_long_flight():
+    preview = ReferencePreview(CIRCLE, Model(), PERIOD, 0)
+    whole = state(CIRCLE.flat(0.02 * np.arange(2020)))
+    for k in range(2000):
+        # Times in nanoseconds and in seconds, each rounded, at 1.7 rad/s and up to 60 rad.
+        np.testing.assert_allclose(preview(k * PERIOD, 19).x, whole[k : k + 20], rtol=0, atol=1e-12)
+
+
 @given(st.integers(-1000 * PERIOD, 1000 * PERIOD), st.integers(1, PERIOD - 1))
 def test_a_stamp_off_the_grid_is_an_error(origin, off):
     preview = ReferencePreview(CIRCLE, Model(), PERIOD, origin)

@@ -94,17 +94,6 @@ def test_an_independent_decoder_finds_the_same_values(record: Record) -> None:
     assert [m.message for m in decoded["/events"]] == [event.text for event in log.events]
 
 
-def test_rerun_finds_nothing_wrong(record: Record, tmp_path: Path) -> None:
-    record(tmp_path / "run.mcap", seconds=0.7)
-    rerun = Path(sys.executable).with_name("rerun")
-    check = subprocess.run(
-        [rerun, "mcap", "check", "--full", tmp_path / "run.mcap"], capture_output=True, text=True, check=False
-    )
-    assert check.returncode == 0, check.stdout + check.stderr
-    verdicts = [line.split()[0] for line in check.stdout.splitlines() if " /" in line]
-    assert set(verdicts) == {"ok"}, check.stdout
-
-
 def test_the_file_gets_its_name_at_the_end(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "new" / "run.mcap")
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["run.mcap.part"]

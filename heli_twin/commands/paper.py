@@ -1,0 +1,64 @@
+"""`heli-twin paper`: fly what the paper shows, and judge each of its claims."""
+
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from heli_twin.commands import command
+
+if TYPE_CHECKING:
+    from heli_twin.paper_verdicts import Claim
+
+
+def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command."""
+    parser = command(
+        subparsers,
+        "paper",
+        run,
+        "fly what the paper shows and judge each of its claims",
+        "Fly the paper's simulations and experiments on the twin, with several seeds on all cores, and write one page:\n"
+        "its figures, the identified parameters, and each claim with the paper's number, ours with its interval, and\n"
+        "a verdict. Two cores need about two minutes.",
+        "  heli-twin paper\n  heli-twin paper --seeds 4 --out logs/quick",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("logs/paper"), metavar="DIR", help="where it goes (default logs/paper)"
+    )
+    parser.add_argument("--seeds", type=int, default=8, metavar="N", help="flights of each kind (default 8)")
+
+
+def run(parsed: Namespace) -> int:
+    """Fly, judge, print the verdicts."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from heli_twin.paper import write_paper
+
+    columns = (TextColumn("flying the paper"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(compact=True))
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("flying", total=None)
+        found = write_paper(
+            parsed.out,
+            parsed.seeds,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    show(found)
+    print(f"page {parsed.out / 'paper.html'}")
+    return 0
+
+
+def show(found: "Sequence[Claim]") -> None:
+    """Print the verdicts for a person."""
+    from rich.console import Console
+    from rich.table import Table
+
+    colors = {"reproduced": "green", "not reproduced": "red", "not comparable": "dim"}
+    table = Table(show_lines=False)
+    for column in ("claim", "paper", "ours", "verdict"):
+        table.add_column(column)
+    for claim in found:
+        table.add_row(claim.claim, claim.paper, claim.ours, f"[{colors[claim.verdict]}]{claim.verdict}[/]")
+    Console().print(table)

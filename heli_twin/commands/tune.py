@@ -1,0 +1,128 @@
+"""`heli-twin tune`: find a controller's gains on the twin."""
+
+import json
+import sys
+from argparse import ArgumentParser, Namespace, _SubParsersAction
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from heli_twin.commands import add_experiment, command, experiment_arguments
+from heli_twin.errors import HeliTwinError
+
+if TYPE_CHECKING:
+    from heli_twin.experiment import Experiment
+    from heli_twin.tuning import Tuned
+
+KINDS = {"pid": "pid", "mpc": "ltv_mpc"}
+
+
+def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
+    """Add the command."""
+    parser = command(
+        subparsers,
+        "tune",
+        run,
+        "tune the PID's gains or the MPC's weights on the twin",
+        "Tune a controller on the twin and print the result as TOML that `heli-twin fly` takes. For the PID, Ziegler and\n"
+        "Nichols' experiment finds Ku and Tu of every axis first; then a bounded search lowers the MPC's own cost (26) on\n"
+        "quick moves under gusts, keeping a gain margin of two. The MPC's weights are searched with the same budget; its\n"
+        "defaults are the paper's.",
+        "  heli-twin tune pid --save pid.toml && heli-twin fly pid.toml\n"
+        "  heli-twin fly trajectory=hover controller=pid.toml    # the same in another experiment\n"
+        "  heli-twin tune pid --budget 1                         # Ziegler and Nichols alone\n"
+        "  heli-twin tune pid controller.feed_forward=flat\n"
+        "  heli-twin tune mpc --budget 61 --json",
+    )
+    parser.add_argument("controller", choices=tuple(KINDS), help="what to tune")
+    add_experiment(parser)
+    parser.add_argument("--budget", type=int, metavar="N", help="trials of the search (default 37; 1: none)")
+    parser.add_argument("--save", type=Path, metavar="FILE.toml", help="write the controller for `heli-twin fly` here")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON, for programs")
+
+
+def run(parsed: Namespace) -> int:
+    """Tune, print, save."""
+    from heli_twin.configuration import load
+    from heli_twin.tuning import BUDGET
+
+    budget = BUDGET if parsed.budget is None else parsed.budget
+    if budget < 1:
+        raise HeliTwinError(f"--budget {budget} leaves nothing to try: 1 judges the start, {BUDGET} is the default")
+    source, overrides = experiment_arguments(parsed)
+    found = _tuned(load(source, [f"controller={KINDS[parsed.controller]}", *overrides]), budget)
+    text = toml(found)
+    if parsed.save:
+        try:
+            parsed.save.parent.mkdir(parents=True, exist_ok=True)
+            parsed.save.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise HeliTwinError(f"cannot write {parsed.save}: {error.strerror}") from None
+    if parsed.json:
+        print(json.dumps(found.as_json(), indent=2, allow_nan=False))
+    else:
+        show(found, text, parsed.save)
+    return 0
+
+
+def _tuned(base: "Experiment", budget: int) -> "Tuned":
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from controllers.laws.pid import Pid
+    from heli_twin.fleet import fleet
+    from heli_twin.metrics import AXES
+    from heli_twin.tuning import tune
+    from heli_twin.ultimate_gain import find_ultimate
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed} of {task.total}"))
+    shown = sys.stderr.isatty()
+    bar = Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True, disable=not shown)
+    with bar, fleet() as fly_all:
+        ultimates = []
+        if isinstance(base.controller, Pid):
+            task = bar.add_task("ultimate gains, axes", total=len(AXES))
+            for ultimate in fly_all(partial(find_ultimate, base), AXES):
+                ultimates.append(ultimate)
+                bar.advance(task)
+        task = bar.add_task("search, trials", total=budget)
+        return tune(base, fly_all, budget, tuple(ultimates), lambda: bar.advance(task))
+
+
+def toml(found: "Tuned") -> str:
+    """The controller as `heli-twin fly` takes it: a file of its own, or `controller=FILE.toml`."""
+    from dataclasses import fields
+
+    default = type(found.law)()
+    tuned = {name.partition("[")[0] for names in found.best.gains.values() for name in names}
+    lines = [f"# tuned on the twin in {found.trials} trials", "[controller]"]
+    for field in fields(found.law):
+        value = getattr(found.law, field.name)
+        if field.name in tuned | {"kind"} or (value != getattr(default, field.name) and field.name != "model"):
+            lines.append(f"{field.name} = {json.dumps(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def show(found: "Tuned", text: str, saved: Path | None) -> None:
+    """Print a result for a person."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    if found.ultimates:
+        table = Table(title="Ziegler and Nichols' experiment", title_justify="left")
+        for column in ("", "Ku", "Tu", "damping given first"):
+            table.add_column(column, justify="right" if column else "left")
+        for u in found.ultimates:
+            table.add_row(u.axis, f"{u.gain:.3g}", f"{u.period:.3g} s", f"{u.damping:.3g}" if u.damping else "-")
+        console.print(table)
+    table = Table(title=f"search, {found.trials} trials: share of the cost (26)", title_justify="left")
+    for column in ("", "at the start", "tuned", "gains at the start", "tuned "):
+        table.add_column(column, justify="right" if column else "left")
+    for axis, cost in found.best.cost.items():
+        gains = (", ".join(f"{g:.3g}" for g in trial.gains[axis].values()) for trial in (found.start, found.best))
+        table.add_row(axis, f"{found.start.cost[axis]:.4g}", f"{cost:.4g}", *gains)
+    console.print(table)
+    console.print(text, highlight=False, markup=False, end="")
+    if saved:
+        console.print(f"wrote {saved}", highlight=False, soft_wrap=True)

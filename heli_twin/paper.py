@@ -1,0 +1,155 @@
+"""The paper, flown again and judged: what `heli-twin paper` does.
+
+Source: Kunz, Huck, Summers, "Fast Model Predictive Control of Miniature Helicopters", ECC 2013.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from heli_twin.errors import HeliTwinError
+from heli_twin.identification import Identified, identify
+from heli_twin.paper_causes import causes, gains_table
+from heli_twin.paper_claims import claims, parameter_rows, timing_claims
+from heli_twin.paper_figures import Shown, figures, times_figure
+from heli_twin.paper_flights import CASES, Flights, fly_all, identification_tasks, tasks
+from heli_twin.paper_page import Section, claims_section, figure_section, flown_table, page, table_section
+from heli_twin.paper_verdicts import Claim
+from heli_twin.recording import read_log
+from heli_twin.recording.log import Timings
+from heli_twin.studies.report.figure import Figure, Table
+
+Progress = Callable[[int, int], None]
+"""Told how many flights are over, and of how many."""
+
+
+def write_paper(
+    out: Path,
+    seeds: int = 8,
+    *,
+    duration: float = 30.0,
+    identification: bool = True,
+    progress: Progress = lambda done, total: None,
+) -> list[Claim]:
+    """Fly everything and write `paper.html`, the figures and the logs.
+
+    Args:
+        out: Folder for them.
+        seeds: How many flights of each case; intervals need two at least.
+        duration: Of each flight, s.
+        identification: Fly the doublets too, and identify (27).
+        progress: Told of every flight that is over.
+
+    Returns:
+        The table of claims.
+
+    Raises:
+        HeliTwinError: The folder cannot be written, or the flights of the figures failed.
+    """
+    if seeds < 1:
+        raise HeliTwinError(f"--seeds {seeds}: fly at least one seed; intervals need two, and 8 is the default")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        flights, doublets = _fly(out, seeds, duration, identification, progress)
+        found = identify((str(path), read_log(path)) for path in doublets) if doublets else None
+        judged = list(claims(flights, found))
+        timing, processor = _timing(duration)
+        sections = _sections(flights, found, judged, seeds, duration)
+        measured = _measured(out, timing, processor)
+        (out / "paper.html").write_text(page(QUESTION, [*sections, *measured]), encoding="utf-8")
+    except OSError as error:
+        raise HeliTwinError(f"cannot write {error.filename or out}: {error.strerror}") from None
+    return [*judged, *timing_claims(timing, processor)]
+
+
+QUESTION = (
+    "What Kunz, Huck and Summers (ECC 2013) flew with a Blade mCX2, flown again with its digital twin: claim by claim, "
+    "with the same seeds for every controller."
+)
+
+
+def _fly(
+    out: Path, seeds: int, duration: float, identification: bool, progress: Progress
+) -> tuple[Flights, list[Path]]:
+    """Fly it all, the longest flights first."""
+    doublets = list(identification_tasks()) if identification else []
+    wanted = [*doublets, *tasks(seeds, duration, tuple(CASES))]
+    over = 0
+
+    def one_more() -> None:
+        nonlocal over
+        over += 1
+        progress(over, len(wanted))
+
+    progress(0, len(wanted))
+    rows = fly_all(out, wanted, one_more)
+    by_case = {
+        name: [rows[f"{name}-seed{seed}"] for seed in range(1 if case.once else seeds)] for name, case in CASES.items()
+    }
+    lost = next((task for task in wanted if task.keep_log and not _log(out, task.id).exists()), None)
+    if lost is not None:
+        raise HeliTwinError(f"flight {lost.id} has no log: {rows[lost.id]['outcome_text']}; run the command again")
+    return Flights(out, by_case), [_log(out, task.id) for task in doublets]
+
+
+def _log(out: Path, task: str) -> Path:
+    return out / "logs" / f"{task}.mcap"
+
+
+def _sections(
+    flights: Flights, found: Identified | None, judged: Sequence[Claim], seeds: int, duration: float
+) -> Iterator[Section]:
+    """Everything that is the same on every run."""
+    counts = {
+        verdict: sum(c.verdict == verdict for c in judged) for verdict in dict.fromkeys(c.verdict for c in judged)
+    }
+    sentence = f"{', '.join(f'{n} {verdict}' for verdict, n in counts.items())}. Every verdict follows from the numbers by a rule."
+    yield claims_section("Verdicts", sentence, judged)
+    yield table_section(causes(flights))
+    yield table_section(gains_table())
+    for shown in figures(flights):
+        yield _figure(flights, shown)
+    if found is not None:
+        yield table_section(parameters_table(flights.folder, found))
+    yield table_section(flown_table(flights, seeds, duration))
+
+
+def _figure(flights: Flights, shown: Shown) -> Section:
+    return figure_section(shown.figure, _drawn(flights.folder, shown.figure), shown.cases, flights)
+
+
+def _drawn(out: Path, figure: Figure) -> Path:
+    from heli_twin.studies.report.drawing import write_svg
+
+    path = out / f"{figure.name}.svg"
+    write_svg(figure, path)
+    return path
+
+
+def parameters_table(out: Path, found: Identified) -> Table:
+    """What was identified."""
+    rows = [
+        [name, f"{paper:g}", f"{p.value:.4g} [{p.low:.4g}, {p.high:.4g}]", verdict]
+        for name, paper, p, verdict in parameter_rows(found)
+    ]
+    sentence = (
+        f"From {found.seconds:.0f} s of {len(found.logs)} flights of doublets: "
+        f"`heli-twin identify {out / 'logs'}/identify-*.mcap` fits them again."
+    )
+    return Table("Identified parameters", sentence, ["", "paper (27)", "ours, with 95 % interval", "verdict"], rows)
+
+
+def _timing(duration: float) -> tuple[Timings, str]:
+    """Fly the circle once more, alone, so that only one core is asked for: measured times and the processor's name."""
+    from heli_twin.mission import fly
+
+    log = fly(CASES["circle"].experiment(0, duration), log_dir=None).log
+    return log.timing, log.metadata.get("cpu", "")
+
+
+def _measured(out: Path, timing: Timings, processor: str) -> Iterator[Section]:
+    """What differs from run to run: it stands last, by itself."""
+    figure = times_figure(timing)
+    sentence = "Measured on this host while one flight flew alone: these numbers differ from run to run."
+    yield claims_section("Computing times", sentence, list(timing_claims(timing, processor)))
+    shown = figure._replace(title="Distribution of the computing times")
+    yield figure_section(shown, _drawn(out, figure))

@@ -1,0 +1,183 @@
+"""The flights behind `heli-twin paper`: what is flown, on all cores, and what is kept of it."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controllers.signals import Array
+from heli_twin.configuration import canonical_json, load
+from heli_twin.experiment import Experiment
+from heli_twin.metrics import SETTLING
+from heli_twin.plant.mujoco import MuJoCo
+from heli_twin.recording import Log, read_log
+from heli_twin.studies.columns import COMPLETED
+from heli_twin.studies.work import Flown, Task
+
+Row = Mapping[str, Any]
+
+PID = ("controller=pid",)
+FLAT = (*PID, "controller.feed_forward=flat")
+ZIEGLER_NICHOLS = (
+    *("controller.p_x=0.96", "controller.i_x=0.27", "controller.d_x=0.43"),
+    *("controller.p_y=0.78", "controller.i_y=0.20", "controller.d_y=0.38"),
+)
+"""Ziegler and Nichols' rules on the twin, without the fine-tuning; see controllers.laws.pid."""
+LATE = ("mocap.latency=0.04", "estimator.roll_forward=false")
+"""Poses 40 ms old, taken for new."""
+WEAK = (0.05, 0.10)
+"""Shares by which the thrust gain falls short of what the controllers believe."""
+
+
+class Case(NamedTuple):
+    """One thing to fly, with every seed."""
+
+    label: str
+    changes: tuple[str, ...] = ()
+    preset: str | None = None
+    once: bool = False
+    """There is no chance in it: one flight says all."""
+
+    def experiment(self, seed: int, duration: float) -> Experiment:
+        """One of its flights."""
+        return load(self.preset, [*self.changes, f"seed={seed}", f"duration={duration}"])
+
+
+def _weak(share: float, *changes: str) -> Case:
+    gain = f"plant.thrust_gain={(1.0 - share) * MuJoCo().thrust_gain:.6g}"
+    names = {"": "MPC", "controller=pid": "PID", "controller.offset_free=z": "MPC, offset-free in z"}
+    return Case(f"{names[' '.join(changes)]}, thrust {100 * share:g} % low", (gain, *changes))
+
+
+CASES = {
+    "simulated": Case("simulation, 40 ms unknown delay", LATE, "ideal", once=True),
+    "simulated_undelayed": Case("simulation, no delay", (), "ideal", once=True),
+    "hover": Case("MPC, hover", ("trajectory=hover",)),
+    "hover_pid": Case("PID, hover", (*PID, "trajectory=hover")),
+    "circle": Case("MPC"),
+    "circle_pid": Case("PID, feedback only", PID),
+    "circle_flat": Case("PID with feed-forward", FLAT),
+    "circle_flat_zn": Case("PID with feed-forward, Z-N gains", (*FLAT, *ZIEGLER_NICHOLS)),
+    "circle_flat_unrolled": Case("PID with feed-forward, no roll-forward", (*FLAT, "estimator.roll_forward=false")),
+    "circle_flat_exact": Case("PID with feed-forward, exact orientation", (*FLAT, "mocap.orientation_noise=0")),
+    "circle_exact": Case("MPC, exact orientation", ("mocap.orientation_noise=0",)),
+    "circle_riccati": Case("MPC, Riccati terminal weight", ("controller.terminal=riccati",)),
+    "circle_free": Case("MPC, offset-free", ("controller.offset_free=all",)),
+    "circle_both": Case("MPC, both", ("controller.terminal=riccati", "controller.offset_free=all")),
+    "circle_full": Case("MPC, full coupling", ("controller.coupling=full",)),
+    "fixed": Case("MPC, nose north", ("trajectory.heading=fixed",)),
+    "fixed_pid": Case("PID, feedback only, nose north", (*PID, "trajectory.heading=fixed")),
+    "turning": Case("MPC, pirouette circle", ("trajectory=pirouette_circle",)),
+    "turning_full": Case("MPC, full coupling, pirouette circle", ("trajectory=pirouette_circle", "controller.coupling=full")),
+    "turning_pid": Case("PID, pirouette circle", (*PID, "trajectory=pirouette_circle")),
+    "pirouette": Case("MPC, pirouette", ("trajectory=pirouette",)),
+    "pirouette_pid": Case("PID, pirouette", (*PID, "trajectory=pirouette")),
+    "wheel": Case("MPC, ferris wheel", ("trajectory=ferris_wheel",)),
+    "wheel_pid": Case("PID, ferris wheel", (*PID, "trajectory=ferris_wheel")),
+    **{f"weak{100 * share:.0f}": _weak(share) for share in WEAK},
+    **{f"weak{100 * share:.0f}_pid": _weak(share, "controller=pid") for share in WEAK},
+    **{f"weak{100 * share:.0f}_free": _weak(share, "controller.offset_free=z") for share in WEAK},
+}  # fmt: skip
+"""Everything that is flown for the figures and the table, by a name for files. PID is fed back only where not said."""
+
+
+class Flights:
+    """What was flown: a row a flight, and the log of the first flight of each case."""
+
+    def __init__(self, folder: Path, rows: Mapping[str, Sequence[Row]]) -> None:
+        self.folder, self.rows = folder, rows
+
+    def values(self, case: str, metric: str) -> Array:
+        """A metric (n,) of the flights of a case, in the order of their seeds; NaN where one failed."""
+        found = [row.get(metric) if row["outcome"] == COMPLETED else None for row in self.rows[case]]
+        return np.array([np.nan if value is None else value for value in found], np.float64)
+
+    def rms(self, case: str, axis: str) -> float:
+        """Root of the mean squared error over all flights of a case, m or rad."""
+        return float(np.sqrt(np.mean(self.values(case, f"mse.{axis}"))))
+
+    def failed(self, case: str) -> int:
+        """How many flights of a case did not complete."""
+        return sum(row["outcome"] != COMPLETED for row in self.rows[case])
+
+    def path(self, case: str) -> Path:
+        """The log of its first flight."""
+        return self.folder / "logs" / f"{case}-seed0.mcap"
+
+    def log(self, case: str) -> Log:
+        """The first flight of a case."""
+        if case not in self._logs:
+            self._logs[case] = read_log(self.path(case))
+        return self._logs[case]
+
+    @cached_property
+    def _logs(self) -> dict[str, Log]:
+        return {}
+
+
+def tasks(seeds: int, duration: float, names: Sequence[str]) -> Iterator[Task]:
+    """The flights of some cases; the log of the first of each is kept."""
+    for name in names:
+        case = CASES[name]
+        for seed in range(1 if case.once else seeds):
+            text = canonical_json(case.experiment(seed, duration))
+            yield Task(f"{name}-seed{seed}", text, "", keep_log=seed == 0, keep_failed=False, keep_above=None)
+
+
+def identification_tasks() -> Iterator[Task]:
+    """The flights of `heli-twin identify`; all logs are kept."""
+    from heli_twin.identification_flights import experiments
+
+    for number, experiment in enumerate(experiments(load())):
+        text = canonical_json(experiment)
+        yield Task(f"identify-{number}", text, "", keep_log=True, keep_failed=True, keep_above=None)
+
+
+def fly_all(folder: Path, flights: Sequence[Task], progress: Callable[[], None] = lambda: None) -> dict[str, Row]:
+    """Fly on all cores; logs go to `folder/logs`.
+
+    Returns:
+        The row of each flight, by the id of its task. One whose process died is a failed flight.
+    """
+    from heli_twin.studies.campaign import write_whole
+    from heli_twin.studies.engine import Trouble, flown
+    from heli_twin.studies.pebble_pool import PebblePool
+
+    rows: dict[str, Row] = {}
+    with PebblePool() as pool:
+        for done in flown(pool, fly_task, flights):
+            if isinstance(done.result, Trouble):
+                rows[done.task.id] = {"outcome": done.result.outcome, "outcome_text": done.result.text}
+            else:
+                rows[done.task.id] = done.result.row
+                if done.result.log is not None:
+                    write_whole(folder / "logs" / f"{done.task.id}.mcap", done.result.log)
+            progress()
+    return rows
+
+
+def fly_task(task: Task) -> Flown:
+    """What a worker does: one flight, its metrics and its yaw activity."""
+    from heli_twin.configuration import from_json
+    from heli_twin.mission import fly
+    from heli_twin.studies.columns import columns
+
+    experiment = from_json(task.experiment)
+    result = fly(experiment, log_dir=None)
+    row = columns(result.log, experiment) | activity(result.log)
+    return Flown(row, result.data if task.keep_log else None)
+
+
+def activity(log: Log) -> dict[str, float]:
+    """Means of the planar inputs, rms of the yaw input and of its change per control step, from `SETTLING` on."""
+    u = log.sent.u[1e-9 * log.sent.time >= SETTLING]
+    if len(u) < 2:
+        return {}
+    return {
+        "mean.u_x": float(u[:, 0].mean()),
+        "mean.u_y": float(u[:, 1].mean()),
+        "rms.u_yaw": float(np.sqrt(np.mean(u[:, 3] ** 2))),
+        "step.u_yaw": float(np.sqrt(np.mean(np.diff(u[:, 3]) ** 2))),
+    }
