@@ -1,7 +1,7 @@
 """Several flights at a time, one a process: for work that flies a handful and keeps nothing but their results."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -12,7 +12,7 @@ Run = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]
 
 
 @contextmanager
-def fleet(cores: int | None = None) -> Iterator[Run]:
+def fleet(cores: int | None = None) -> Generator[Run]:
     """Processes for as long as the context lasts.
 
     The function that they are given stands at the top of a module, or is a `functools.partial` of one that does; what

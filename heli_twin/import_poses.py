@@ -14,13 +14,14 @@ from controllers.reference import ReferencePreview
 from controllers.signals import Command, Pose
 from controllers.trajectories.hover import Hover
 from heli_twin.chance import nanoseconds
-from heli_twin.configuration import canonical_json, load, toml_of
+from heli_twin.configuration import load
 from heli_twin.experiment import Experiment
 from heli_twin.mission import provenance
 from heli_twin.pictures import planned_path
 from heli_twin.pose_csv import Column, Recording, read_recording
 from heli_twin.recording import Attachment, LogError, Recorder
 from heli_twin.refly import ORIGIN
+from heli_twin.specs import canonical_json, toml_of
 
 
 def import_poses(path: Path, columns: Mapping[str, Column], out: Path, overrides: Sequence[str] = ()) -> Recording:

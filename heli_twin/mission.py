@@ -20,13 +20,13 @@ from controllers.errors import InfeasibleTrajectory
 from controllers.flatness import state
 from controllers.reference import check_feasible
 from heli_twin.chance import nanoseconds
-from heli_twin.configuration import ExperimentError, canonical_json, experiment_of, toml_of, tree_of
 from heli_twin.experiment import Experiment
 from heli_twin.flight import Flight, Outcome
 from heli_twin.metrics import metrics
 from heli_twin.pictures import planned_path
 from heli_twin.plant import Plant
 from heli_twin.recording import Attachment, Log, Recorder, read_log
+from heli_twin.specs import ExperimentError, canonical_json, experiment_of, toml_of, tree_of
 
 if TYPE_CHECKING:
     from heli_twin.recording.rerun_bridge import Live

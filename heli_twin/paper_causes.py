@@ -9,8 +9,9 @@ from controllers.reference import ReferencePreview
 from controllers.signals import Array, Estimate
 from controllers.trajectories.hover import Hover
 from heli_twin.chance import nanoseconds
-from heli_twin.paper_claims import CM, DEGREES, largest
-from heli_twin.paper_flights import CASES, WEAK, Flights
+from heli_twin.paper_claims import CM, largest
+from heli_twin.paper_comparison import DEGREES
+from heli_twin.paper_flights import CASES, WEAK, Flights, weak
 from heli_twin.paper_verdicts import explains
 from heli_twin.studies.report.figure import Table
 from heli_twin.studies.report.words import number
@@ -44,9 +45,12 @@ def causes(flights: Flights) -> Table:
     rows.append(yaw(turned, "a heading that turns", ("circle_pid", "circle"), ("fixed_pid", "fixed")))
     height = partial_gap(flights, lambda f, case: f.rms(case, "z"), CM, "cm")
     for share in WEAK:
-        name = f"weak{100 * share:.0f}"
         low = f"MPC errs more in height than PID, thrust {100 * share:g} % low, rms"
-        rows.append(height(low, "no integral in z", (name, f"{name}_pid"), (f"{name}_free", f"{name}_pid")))
+        rows.append(
+            height(
+                low, "no integral in z", (weak(share), weak(share, "_pid")), (weak(share, "_free"), weak(share, "_pid"))
+            )
+        )
     rows.append(_simulated(flights))
     sentence = (
         "Each suspected cause is taken away and the difference flown again with the same seeds: it explains the effect "

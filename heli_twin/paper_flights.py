@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.signals import Array
-from heli_twin.configuration import canonical_json, load
+from heli_twin.configuration import load
 from heli_twin.experiment import Experiment
 from heli_twin.metrics import SETTLING
 from heli_twin.plant.mujoco import MuJoCo
 from heli_twin.recording import Log, read_log
+from heli_twin.specs import canonical_json
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.work import Flown, Task
 
@@ -25,6 +26,7 @@ ZIEGLER_NICHOLS = (
     *("controller.p_y=0.78", "controller.i_y=0.20", "controller.d_y=0.38"),
 )
 """Ziegler and Nichols' rules on the twin, without the fine-tuning; see controllers.laws.pid."""
+TURNING = ("trajectory=pirouette_circle",)
 LATE = ("mocap.latency=0.04", "estimator.roll_forward=false")
 """Poses 40 ms old, taken for new."""
 WEAK = (0.05, 0.10)
@@ -43,6 +45,11 @@ class Case(NamedTuple):
     def experiment(self, seed: int, duration: float) -> Experiment:
         """One of its flights."""
         return load(self.preset, [*self.changes, f"seed={seed}", f"duration={duration}"])
+
+
+def weak(share: float, kind: str = "") -> str:
+    """The case of an MPC under a thrust that is low by a share; `_pid` and `_free` are those of its rivals."""
+    return f"weak{100 * share:.0f}{kind}"
 
 
 def _weak(share: float, *changes: str) -> Case:
@@ -69,17 +76,17 @@ CASES = {
     "circle_full": Case("MPC, full coupling", ("controller.coupling=full",)),
     "fixed": Case("MPC, nose north", ("trajectory.heading=fixed",)),
     "fixed_pid": Case("PID, feedback only, nose north", (*PID, "trajectory.heading=fixed")),
-    "turning": Case("MPC, pirouette circle", ("trajectory=pirouette_circle",)),
-    "turning_full": Case("MPC, full coupling, pirouette circle", ("trajectory=pirouette_circle", "controller.coupling=full")),
-    "turning_pid": Case("PID, pirouette circle", (*PID, "trajectory=pirouette_circle")),
+    "turning": Case("MPC, pirouette circle", TURNING),
+    "turning_full": Case("MPC, full coupling, pirouette circle", (*TURNING, "controller.coupling=full")),
+    "turning_pid": Case("PID, pirouette circle", (*PID, *TURNING)),
     "pirouette": Case("MPC, pirouette", ("trajectory=pirouette",)),
     "pirouette_pid": Case("PID, pirouette", (*PID, "trajectory=pirouette")),
     "wheel": Case("MPC, ferris wheel", ("trajectory=ferris_wheel",)),
     "wheel_pid": Case("PID, ferris wheel", (*PID, "trajectory=ferris_wheel")),
-    **{f"weak{100 * share:.0f}": _weak(share) for share in WEAK},
-    **{f"weak{100 * share:.0f}_pid": _weak(share, "controller=pid") for share in WEAK},
-    **{f"weak{100 * share:.0f}_free": _weak(share, "controller.offset_free=z") for share in WEAK},
-}  # fmt: skip
+    **{weak(share): _weak(share) for share in WEAK},
+    **{weak(share, "_pid"): _weak(share, *PID) for share in WEAK},
+    **{weak(share, "_free"): _weak(share, "controller.offset_free=z") for share in WEAK},
+}
 """Everything that is flown for the figures and the table, by a name for files. PID is fed back only where not said."""
 
 
@@ -160,8 +167,8 @@ def fly_all(folder: Path, flights: Sequence[Task], progress: Callable[[], None] 
 
 def fly_task(task: Task) -> Flown:
     """What a worker does: one flight, its metrics and its yaw activity."""
-    from heli_twin.configuration import from_json
     from heli_twin.mission import fly
+    from heli_twin.specs import from_json
     from heli_twin.studies.columns import columns
 
     experiment = from_json(task.experiment)

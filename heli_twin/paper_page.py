@@ -6,12 +6,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from heli_twin.configuration import canonical_json
-from heli_twin.paper_figures import Shown
+from heli_twin.metrics import SETTLING
+from heli_twin.paper_claims import CM
+from heli_twin.paper_comparison import DEGREES
 from heli_twin.paper_flights import CASES, Flights
 from heli_twin.paper_verdicts import Claim
+from heli_twin.specs import canonical_json
 from heli_twin.studies.report.figure import Figure, Table
 from heli_twin.studies.report.page import STYLE
+from heli_twin.studies.report.words import number
 from heli_twin.studies.reproduce import fly_command
 
 
@@ -58,13 +61,18 @@ def _commands(flights: Flights, case: str) -> str:
 
 
 def flown_table(flights: Flights, seeds: int, duration: float) -> Table:
-    """Everything that was flown, and the command that flies the first flight of each."""
+    """Everything that was flown, its errors, and the command that flies the first flight of each."""
     rows: list[list[str]] = []
     for name, found in flights.rows.items():
+        errors = [number(CM * flights.rms(name, axis)) for axis in "xyz"] + [number(DEGREES * flights.rms(name, "yaw"))]
         command = fly_command(canonical_json(CASES[name].experiment(0, duration)))
-        rows.append([CASES[name].label, f"{len(found) - flights.failed(name)} of {len(found)}", command])
-    sentence = f"Seeds 0 to {seeds - 1}, {duration:g} s each; errors are against the truth, the first 2 s left out."
-    return Table("What was flown", sentence, ["", "completed", "command of the first flight"], rows, codes=(2,))
+        rows.append([CASES[name].label, f"{len(found) - flights.failed(name)} of {len(found)}", *errors, command])
+    sentence = (
+        f"Seeds 0 to {seeds - 1}, {duration:g} s each; rms errors against the truth over all flights of a kind, "
+        f"the first {SETTLING:g} s of each left out."
+    )
+    header = ["", "completed", "x, cm", "y, cm", "z, cm", "yaw, deg", "command of the first flight"]
+    return Table("What was flown", sentence, header, rows, codes=(6,))
 
 
 def page(question: str, sections: Sequence[Section]) -> str:
@@ -99,7 +107,8 @@ def _(text: str) -> str:
 
 
 MORE_STYLE = """
-img { max-width: 100%; height: auto; } td.reproduced, td.not-reproduced, td.not-comparable { white-space: nowrap; font-weight: 600; }
+img { max-width: 100%; height: auto; }
+td.reproduced, td.not-reproduced, td.not-comparable { white-space: nowrap; font-weight: 600; }
 td.reproduced { color: #00674B; } td.not-reproduced { color: #B04A00; } td.not-comparable { color: #555; }
 table.commands { font-size: .8rem; } table.commands td { border: 0; padding: .1rem .8rem .1rem 0; }
 """

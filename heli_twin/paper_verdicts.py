@@ -4,6 +4,7 @@ A rule takes the whole 95 % interval, so that few seeds make it harder, not easi
 without an interval, from a single seed of a random flight, is comparable with nothing.
 """
 
+from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ APPROXIMATELY = 1.2
 SIGNIFICANT = 0.1
 """A difference below this share of what it is a difference to is not "significant"."""
 LITTLE = float(np.radians(5.0))
-"""rad: a heading error that cannot be told from the reference on an axis of a whole turn; the paper prints no number."""
+"""rad: on an axis of a whole turn a heading this far off cannot be told from its reference; the paper has no number."""
 CLOSE = 1.05
 """An identified parameter within this factor of the truth is found."""
 
@@ -76,7 +77,7 @@ def smaller(a: Array, b: Array, share: float = SIGNIFICANT) -> tuple[Verdict, In
     return "reproduced" if difference.high < -share * float(np.nanmean(b)) else "not reproduced", difference
 
 
-def all_of(*verdicts: Verdict) -> Verdict:
+def all_of(verdicts: Iterable[Verdict]) -> Verdict:
     """The verdict on a claim of several numbers."""
     order: tuple[Verdict, ...] = ("not comparable", "not reproduced", "reproduced")
     return min(verdicts, key=order.index)

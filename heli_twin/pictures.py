@@ -3,6 +3,7 @@
 import json
 import reprlib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,10 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from controllers.signals import Array
-from heli_twin.configuration import from_json, tree_of
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.recording import Log, read_log
+from heli_twin.recording.log import Messages
+from heli_twin.recording.schema import LAYOUTS
+from heli_twin.specs import from_json, tree_of
 
 if TYPE_CHECKING:
     from heli_twin.recording.layout import Scales
@@ -89,8 +92,25 @@ def flights(paths: Sequence[Path]) -> Flights:
         LogError: A log cannot be read.
         ExperimentError: It was flown by another version, whose experiment this one does not know.
     """
-    logs = [read_log(path) for path in paths]
+    logs = [flown_as_seen(read_log(path)) for path in paths]
     return Flights(logs, [from_json(log.experiment) for log in logs], [path.name for path in paths])
+
+
+def flown_as_seen(log: Log) -> Log:
+    """A log in which nobody knows the truth, with what the cameras saw in its place; any other as it is."""
+    if len(log.truth.time) or not len(log.pose.time):
+        return log
+    stamps, first = np.unique(log.pose.stamp, return_index=True)
+    position, quat_wxyz = log.pose.position[first], log.pose.quat_wxyz[first]
+    w, x, y, z = quat_wxyz.T
+    yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    velocity = np.gradient(position, 1e-9 * stamps, axis=0) if len(stamps) > 1 else np.zeros_like(position)
+    pack, none = LAYOUTS["/truth"].packer(), np.zeros(4)
+    data = [
+        pack((t, position[i], quat_wxyz[i], velocity[i], none[:3], yaw[i], 0.0, none, False))
+        for i, t in enumerate(stamps.tolist())
+    ]
+    return replace(log, messages={**log.messages, "/truth": Messages(stamps.tolist(), data)})
 
 
 def snapshot(shown: Flights, file: Path, at: float | None, size: tuple[int, int]) -> None:

@@ -13,13 +13,14 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
 from google.protobuf.message import DecodeError, Message
 
-from heli_twin.configuration import ExperimentError, changed, from_json
+from heli_twin.configuration import changed
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.mission import Result, fly
 from heli_twin.recording import Log, flight_pb2, read_log
 from heli_twin.recording.log import Messages
 from heli_twin.recording.schema import TIMING, TOPICS, WIRES
+from heli_twin.specs import ExperimentError, from_json
 
 POSITION = 0.002
 """m: tolerance between two machines. One thrust count that rounds the other way (2/682 of full stick for a frame of

@@ -20,7 +20,7 @@ from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
 from controllers.reference import ReferencePreview
 from controllers.signals import Array, Command, Estimate, Pose, Reference
 from heli_twin.chance import nanoseconds
-from heli_twin.configuration import canonical_json, changed, toml_of
+from heli_twin.configuration import changed
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.mission import provenance
@@ -28,6 +28,7 @@ from heli_twin.plant import Air, Truth
 from heli_twin.recording import Attachment, Log, LogError, Recorder
 from heli_twin.recording.log import Times
 from heli_twin.refly import ORIGIN, flown_experiment
+from heli_twin.specs import canonical_json, toml_of
 
 TOLERANCE = 1e-4
 """Fraction of full stick: what u_0 may differ by on another host or build. The solver stops at 1e-5 and can stop one

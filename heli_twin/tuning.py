@@ -1,4 +1,4 @@
-"""Tuning a controller on the twin: a bounded search that asks every axis at once, and a cost that both controllers share.
+"""Tuning on the twin: a bounded search that asks every axis at once, and a cost that both controllers share.
 
 The yardstick is the MPC's own cost (26) with the paper's weights (30), without its integral states: the PID is tuned
 to be as good at the MPC's game as it can. It is a sum over the axes, so that one flight judges a change on each.

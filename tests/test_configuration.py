@@ -7,21 +7,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from heli_twin.configuration import (
-    ExperimentError,
-    canonical_json,
-    experiment_of,
-    from_json,
-    load,
-    parts,
-    presets,
-    put,
-    toml_of,
-    tree_of,
-)
+from heli_twin.configuration import load, presets, put
 from heli_twin.experiment import Experiment
 from heli_twin.families import EachOf, OneOf, members
 from heli_twin.mission import checked
+from heli_twin.specs import ExperimentError, canonical_json, experiment_of, from_json, parts, toml_of, tree_of
 
 FAMILIES = {name: part.family.package for name, part in parts(Experiment).items() if part.family}
 ONE_OF = {n: p for n, p in FAMILIES.items() if isinstance(parts(Experiment)[n].family, OneOf)}
@@ -297,12 +287,14 @@ def test_disturbances_and_faults_go_off_and_on():
     assert load("ideal", ["disturbances.gust.strength=0.4", "disturbances.gust=off"]).disturbances == ()
 
 
-def test_another_kind_starts_from_its_own_defaults_and_the_same_kind_keeps_its_fields():
-    small = ["trajectory.radius=0.3"]
-    assert load("lab", [*small, "trajectory=circle"]).trajectory.radius == 0.3
-    assert load("lab", [*small, "trajectory.kind=circle"]).trajectory.radius == 0.3
+def test_another_kind_starts_from_its_own_defaults_and_the_same_kind_keeps_its_fields(tmp_path):
+    file = tmp_path / "small.toml"
+    file.write_text("trajectory.radius = 0.3\ntrajectory.height = 0.7\n")
+    for same in ([], ["trajectory=circle"], ["trajectory.kind=circle"]):
+        assert load(str(file), same).trajectory.radius == 0.3
+    assert load(str(file), ["trajectory=hover"]).trajectory.height == 1.0
     with pytest.raises(ExperimentError, match=r"unknown field 'trajectory\.radius'"):
-        load("lab", [*small, "trajectory=hover"])
+        load("lab", ["trajectory.radius=0.3", "trajectory=hover"])
 
 
 @pytest.mark.parametrize("kind", ["trajectory=hover", "trajectory.kind=hover", 'trajectory="hover"'])

@@ -13,7 +13,7 @@ PACKAGES = ("controllers", "heli_twin")
 DOORS = {
     "mujoco": {"heli_twin/plant/mujoco.py"},
     "proxsuite": {"controllers/proxqp.py"},
-    "pydantic": {"heli_twin/configuration.py"},
+    "pydantic": {"heli_twin/specs.py"},
     "mcap": {"heli_twin/recording/mcap_stream.py", "heli_twin/recording/reader.py", "heli_twin/recording/recover.py"},
     "distributed": {"heli_twin/studies/dask_cluster.py"},
     "pebble": {"heli_twin/studies/pebble_pool.py"},

@@ -8,13 +8,14 @@ from hypothesis import strategies as st
 
 from controllers.laws.ltv_mpc import LtvMpc
 from heli_twin import disturbances
-from heli_twin.configuration import load, tree_of
+from heli_twin.configuration import load
 from heli_twin.disturbances import together
 from heli_twin.disturbances.bias import Bias
 from heli_twin.disturbances.gust import Gust
 from heli_twin.families import members
 from heli_twin.plant import STILL_AIR, Air
 from heli_twin.plant.ideal import Ideal
+from heli_twin.specs import tree_of
 
 FAMILY = members("heli_twin.disturbances")
 HELICOPTER = Ideal().start(np.array([0.3, -0.2, 1.0, 0.7, 0.5, -0.4, 0.1, 1.5]))

@@ -3,9 +3,9 @@ from dataclasses import dataclass, fields
 
 import pytest
 
-from heli_twin.configuration import parts
 from heli_twin.experiment import Experiment
 from heli_twin.families import members
+from heli_twin.specs import parts
 
 PACKAGES = sorted(part.family.package for part in parts(Experiment).values() if part.family)
 

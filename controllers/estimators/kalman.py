@@ -6,7 +6,7 @@ from math import atan2, cos, isfinite, pi, sin
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Unit, doc
+from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.model import Input, Model, State, advance
 from controllers.signals import Array, Estimate, Pose
@@ -18,7 +18,9 @@ class Kalman:
 
     kind: Literal["kalman"] = "kalman"
     roll_forward: Annotated[bool, doc("predict on to when the command acts; off: take old poses for new")] = True
-    command_delay: Annotated[float, Ge(0), Unit("s"), doc("believed time from a control step to its effect")] = 0.022
+    command_delay: Annotated[
+        float, Ge(0), Le(1), Unit("s"), doc("believed time from a control step to its effect")
+    ] = 0.022
     position_noise: Annotated[float, Gt(0), Unit("m"), doc("believed standard deviation of a position")] = 0.0005
     yaw_noise: Annotated[float, Gt(0), Unit("rad"), doc("believed standard deviation of a heading")] = 0.0052
     velocity_walk: Annotated[float, Gt(0), Unit("m/s/sqrt(s)"), doc("unmodelled acceleration, white")] = 0.2

@@ -48,9 +48,9 @@ def about(log: "Log") -> dict[str, Any]:
     """Everything that `info` tells of a log, ready for JSON."""
     import shlex
 
-    from heli_twin.configuration import ExperimentError, canonical_json
     from heli_twin.metrics import metrics
     from heli_twin.refly import flown_experiment
+    from heli_twin.specs import ExperimentError, canonical_json
     from heli_twin.studies.reproduce import fly_command
 
     experiment = words = problem = None

@@ -19,15 +19,15 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "paper",
         run,
         "fly what the paper shows and judge each of its claims",
-        "Fly the paper's simulations and experiments on the twin, with several seeds on all cores, and write one page:\n"
-        "its figures, the identified parameters, and each claim with the paper's number, ours with its interval, and\n"
-        "a verdict. Two cores need about two minutes.",
+        "Fly the paper's simulations and experiments on the twin, with several seeds on all cores, and write one\n"
+        "page: its figures, the identified parameters, and each claim with the paper's number, ours with its\n"
+        "interval, and a verdict. Two cores need about two minutes.",
         "  heli-twin paper\n  heli-twin paper --seeds 4 --out logs/quick",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("logs/paper"), metavar="DIR", help="where it goes (default logs/paper)"
     )
-    parser.add_argument("--seeds", type=int, default=8, metavar="N", help="flights of each kind (default 8)")
+    parser.add_argument("--seeds", type=int, default=7, metavar="N", help="flights of each kind (default 7)")
 
 
 def run(parsed: Namespace) -> int:

@@ -46,8 +46,8 @@ def saved(log: "Log") -> str:
 
 def lost(log: "Log") -> str:
     """What a recovered log lacks, one sentence."""
-    from heli_twin.configuration import ExperimentError
     from heli_twin.refly import flown_experiment
+    from heli_twin.specs import ExperimentError
 
     missing = [f"{1e-9 * (b - a):.2f} s from {1e-9 * a:.2f} s on" for a, b in _gaps(log)]
     try:

@@ -6,12 +6,14 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from heli_twin.commands import command
 
 if TYPE_CHECKING:
     from heli_twin.studies.campaign import Progress as Count
+    from heli_twin.studies.engine import Backend
+    from heli_twin.studies.plan import Plan
     from heli_twin.studies.study import Study
 
 STUDIES = Path("logs/studies")
@@ -32,7 +34,12 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     for name, run, summary, example in (
         ("status", status, "how far a study is", "  heli-twin study status ladder\n"),
         ("report", report, "write report.html and the figures", "  heli-twin study report ladder\n"),
-        ("worst", worst, "the worst runs, each with the command that flies it again", "  heli-twin study worst ladder -n 3\n"),
+        (
+            "worst",
+            worst,
+            "the worst runs, each with the command that flies it again",
+            "  heli-twin study worst ladder -n 3\n",
+        ),
     ):
         sub = command(actions, name, run, summary, f"Say {summary}." if name == "status" else summary, example)
         sub.add_argument("study", help=folder[0])
@@ -45,12 +52,23 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 
 def _add_run(actions: "_SubParsersAction[ArgumentParser]") -> None:
-    run = command(actions, "run", run_, "fly a study; run it again to go on", "Fly a study. Ctrl-C stops it; run it again to go on.", RUN)
+    run = command(
+        actions,
+        "run",
+        run_,
+        "fly a study; run it again to go on",
+        "Fly a study. Ctrl-C stops it; run it again to go on.",
+        RUN,
+    )
     run.add_argument("study", metavar="FILE", help="a study file, or the name of a shipped study")
-    run.add_argument("overrides", nargs="*", metavar="field=value", help="changes of the study, or of its base experiment")
+    run.add_argument(
+        "overrides", nargs="*", metavar="field=value", help="changes of the study, or of its base experiment"
+    )
     run.add_argument("--out", type=Path, metavar="DIR", help=f"where results go (default {STUDIES}/NAME)")
     run.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default one a core)")
-    run.add_argument("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster: tcp://HOST:8786, or a scheduler file")
+    run.add_argument(
+        "--scheduler", metavar="ADDRESS", help="fly on a Dask cluster: tcp://HOST:8786, or a scheduler file"
+    )
     run.add_argument("--again", action="store_true", help="fly the runs again that were killed, hung or raised")
     run.add_argument("--no-report", action="store_true", help="write no report at the end")
 
@@ -91,18 +109,24 @@ def run_(parsed: Namespace) -> int:
     return 1 if {"killed", "hung", "error"} & count.failed.keys() else 0
 
 
-def _backend(parsed: Namespace) -> Callable[..., Any]:
+def _backend(parsed: Namespace) -> "Callable[[Plan, float], Backend]":
+    from heli_twin.studies.campaign import embedded
     from heli_twin.studies.errors import StudyError
 
-    if parsed.scheduler:
-        try:
-            from heli_twin.studies.dask_cluster import DaskCluster
-        except ImportError:
-            raise StudyError("--scheduler needs Dask: pip install 'heli-twin[cluster]'") from None
-        return lambda plan, timeout: DaskCluster(parsed.scheduler, timeout)
-    from heli_twin.studies.campaign import embedded
+    def here(plan: "Plan", timeout: float) -> "Backend":
+        return embedded(plan, timeout, parsed.workers)
 
-    return lambda plan, timeout: embedded(plan, timeout, parsed.workers)
+    if not parsed.scheduler:
+        return here
+    try:
+        from heli_twin.studies.dask_cluster import DaskCluster
+    except ImportError:
+        raise StudyError("--scheduler needs Dask: pip install 'heli-twin[cluster]'") from None
+
+    def there(plan: "Plan", timeout: float) -> "Backend":
+        return DaskCluster(parsed.scheduler, timeout)
+
+    return there
 
 
 def _summary(count: "Count", out: Path) -> str:
@@ -137,12 +161,18 @@ class Watch:
         rate = count.flown / max(now - self._began, 1e-3)
         failed = ", ".join(f"{number} {kind}" for kind, number in sorted(count.failed.items()))
         self._bar.update(
-            self._task, total=count.total, completed=count.done, rate=f"{rate:.1f}/s" if count.flown else "", failed=failed
+            self._task,
+            total=count.total,
+            completed=count.done,
+            rate=f"{rate:.1f}/s" if count.flown else "",
+            failed=failed,
         )
         if not self._terminal and now - self._said > SILENCE and count.flown:
             self._said = now
             left = (count.total - count.done) / max(rate, 1e-9)
-            print(f"{count.done} of {count.total}, {rate:.1f}/s, {left:.0f} s left {failed}", file=sys.stderr, flush=True)
+            print(
+                f"{count.done} of {count.total}, {rate:.1f}/s, {left:.0f} s left {failed}", file=sys.stderr, flush=True
+            )
 
     def __enter__(self) -> "Watch":
         self._bar.start()
@@ -208,8 +238,8 @@ def worst(parsed: Namespace) -> int:
 def refly(parsed: Namespace) -> int:
     """Fly one run again and keep its log in the study's folder."""
     from heli_twin.commands.fly import show
-    from heli_twin.configuration import from_json
     from heli_twin.mission import fly
+    from heli_twin.specs import from_json
     from heli_twin.studies.worst import experiment_by_id
 
     folder = folder_of(parsed.study)

@@ -64,7 +64,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Survey and print; the exit code is 1 where an asked-for trajectory cannot be flown."""
-    from heli_twin.configuration import load, members
+    from heli_twin.configuration import load
+    from heli_twin.families import members
 
     source, overrides = experiment_arguments(parsed)
     experiment = load(source, overrides)
@@ -82,7 +83,7 @@ def run(parsed: Namespace) -> int:
 
 def tree_kind(experiment: "Experiment") -> str:
     """The `kind` of an experiment's trajectory."""
-    from heli_twin.configuration import tree_of
+    from heli_twin.specs import tree_of
 
     return str(tree_of(experiment)["trajectory"]["kind"])
 

@@ -24,10 +24,10 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "tune",
         run,
         "tune the PID's gains or the MPC's weights on the twin",
-        "Tune a controller on the twin and print the result as TOML that `heli-twin fly` takes. For the PID, Ziegler and\n"
-        "Nichols' experiment finds Ku and Tu of every axis first; then a bounded search lowers the MPC's own cost (26) on\n"
-        "quick moves under gusts, keeping a gain margin of two. The MPC's weights are searched with the same budget; its\n"
-        "defaults are the paper's.",
+        "Tune a controller on the twin and print the result as TOML that `heli-twin fly` takes. For the PID, Ziegler\n"
+        "and Nichols' experiment finds Ku and Tu of every axis first; then a bounded search lowers the MPC's own cost\n"
+        "(26) on quick moves under gusts, keeping a gain margin of two. The MPC's weights are searched with the same\n"
+        "budget; its defaults are the paper's.",
         "  heli-twin tune pid --save pid.toml && heli-twin fly pid.toml\n"
         "  heli-twin fly trajectory=hover controller=pid.toml    # the same in another experiment\n"
         "  heli-twin tune pid --budget 1                         # Ziegler and Nichols alone\n"

@@ -64,7 +64,7 @@ def show_both(a: Run, b: Run, differences: Sequence[Difference], sink: Sink) -> 
     for some in _difference(a.log, b.log):
         send_rows(stream, some)
     _send_styles(stream)
-    text = rr.TextDocument(_document(runs, differences), media_type=rr.MediaType.MARKDOWN)
+    text = rr.TextDocument(document(runs, differences), media_type=rr.MediaType.MARKDOWN)
     stream.log("differences", text, static=True)
     close_stream(stream)
 
@@ -118,7 +118,7 @@ def _send_styles(stream: rr.RecordingStream) -> None:
 
 def _layout(runs: Sequence[Run], differences: Sequence[Difference]) -> rrb.Blueprint:
     paths = [run.scales.path for run in runs if run.scales.path is not None]
-    named = f"A blue, B pink: {_in_short(differences)}"
+    named = f"A blue, B pink, plans orange: {_in_short(differences)}"
     seen = rrb.Vertical(
         scene(named, np.concatenate(paths) if paths else None, [f"/{look.name}" for look in LOOKS]),
         rrb.Horizontal(
@@ -180,7 +180,7 @@ def _in_short(differences: Sequence[Difference]) -> str:
     return (first or "the same experiment") + more
 
 
-def _document(runs: Sequence[Run], differences: Sequence[Difference]) -> str:
+def document(runs: Sequence[Run], differences: Sequence[Difference]) -> str:
     """A Markdown table: the two flights, and what differs between them."""
     rows = [
         ("file", *(run.name for run in runs)),

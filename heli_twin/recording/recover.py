@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Metadata
+from mcap.records import Attachment, Channel, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from heli_twin.recording.mcap_stream import McapStream
@@ -114,11 +114,19 @@ Message = tuple[int, int, bytes]
 
 
 def _messages(chunk: memoryview) -> list[Message]:
-    """The messages of an unpacked chunk; none if it is not one of a flight."""
+    """The messages of an unpacked chunk; none if it is not one of a flight.
+
+    Raises:
+        LogError: Its channels are not those of this version.
+    """
     messages: list[Message] = []
     with suppress(*DAMAGE):
         for opcode, body in records(chunk):
-            if opcode == Opcode.MESSAGE:
+            if opcode == Opcode.CHANNEL:
+                known = Channel.read(ReadDataStream(BytesIO(body)))
+                if known.topic != TOPICS[known.id - 1].name:
+                    raise LogError(f"has topics of another version ({known.topic}): recover it with that one")
+            elif opcode == Opcode.MESSAGE:
                 channel, _, time, _ = MESSAGE.unpack_from(body)
                 if not 1 <= channel <= len(TOPICS):
                     return []

@@ -94,7 +94,12 @@ class Campaign:
     """One launch of a study."""
 
     def __init__(
-        self, plan: Plan, store: Store, out: Path, work: Work = fly_task, watch: Callable[[Progress], None] = lambda p: None
+        self,
+        plan: Plan,
+        store: Store,
+        out: Path,
+        work: Work = fly_task,
+        watch: Callable[[Progress], None] = lambda p: None,
     ) -> None:
         self.plan, self.store, self.out, self.work, self.watch = plan, store, out, work, watch
         self.progress = Progress(plan.study.design.count(plan))
@@ -202,7 +207,12 @@ class Campaign:
     def _row(self, done: Done) -> tuple[dict[str, Any], bool]:
         if isinstance(done.result, Trouble):
             text = done.result.text + (f", {done.tries} times" if done.tries > 1 else "")
-            return {"id": done.task.id, "outcome": done.result.outcome, "outcome_text": text, "attempts": done.tries}, True
+            return {
+                "id": done.task.id,
+                "outcome": done.result.outcome,
+                "outcome_text": text,
+                "attempts": done.tries,
+            }, True
         return done.result.row | {"attempts": done.tries}, False
 
     def _prune(self) -> None:

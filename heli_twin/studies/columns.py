@@ -24,7 +24,7 @@ MEASURED = (
 def columns(log: Log, experiment: Experiment) -> dict[str, Any]:
     """The row of a flight: its outcome, its metrics by dotted name, its provenance. Plain values, no NaN."""
     period = experiment.controller.period
-    row = {"outcome": log.outcome, "outcome_text": log.ending.get("text", "")}
+    row: dict[str, Any] = {"outcome": log.outcome, "outcome_text": log.ending.get("text", "")}
     row |= flat(metrics(log)) | flat(measures(log, period, deadline=period)) | {"outcome": log.outcome}
     row["flown"] = row.pop("duration", None)
     row["digest"] = log.digest

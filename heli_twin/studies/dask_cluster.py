@@ -1,7 +1,7 @@
 """Many machines: a Dask cluster, however it was started. The one module that knows Dask.
 
-Each Dask worker flies its runs in processes of its own, so that a run which dies or hangs costs that run alone, as on one
-machine; when a whole worker is lost, Dask flies its runs elsewhere.
+Each Dask worker flies its runs in processes of its own, so that a run which dies or hangs costs that run alone, as on
+one machine; when a whole worker is lost, Dask flies its runs elsewhere.
 """
 
 import multiprocessing
@@ -30,11 +30,13 @@ class DaskCluster:
     """
 
     def __init__(self, address: str, timeout: float = 300.0) -> None:
-        where = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+        where: dict[str, Any] = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
         try:
             self._client: Any = Client(**where, timeout=WAIT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            raise StudyError(f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`") from None
+            raise StudyError(
+                f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
+            ) from None
         self._name = f"heli_twin-{uuid4().hex[:8]}"
         self._client.register_plugin(Processes(timeout), name=self._name)
         self._executor = self._client.get_executor(pure=False)
@@ -81,7 +83,8 @@ class Processes(WorkerPlugin):
 
 def apart(plugin: str, work: Work, task: Task) -> Flown | Trouble:
     """Fly a run on a Dask worker, in a process of its own."""
-    pool = get_worker().plugins[plugin].pool
+    processes: Any = get_worker().plugins[plugin]
+    pool: PebblePool = processes.pool
     future = pool.submit(work, task)
     error = future.exception()
     return future.result() if error is None else pool.trouble(error)

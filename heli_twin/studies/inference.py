@@ -1,9 +1,9 @@
 """Intervals and sensitivities. SciPy does the mathematics; here stands which of it, and what happens at the edges."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +48,12 @@ def paired_interval(a: Array, b: Array) -> Interval:
     return mean_interval(a - b)
 
 
-def _bootstrapped(values: Array, statistic: object, method: str = "BCa") -> Interval:
+def _bootstrapped(values: Array, statistic: Callable[..., Any], method: str = "BCa") -> Interval:
     values = values[np.isfinite(values)]
     n = len(values)
     if n == 0:
         return Interval(np.nan, np.nan, np.nan, 0)
-    estimate = float(statistic(values))  # type: ignore[operator]
+    estimate = float(statistic(values))
     if n < 2 or np.ptp(values) <= 1e-10 * np.abs(values).max():
         # One value says nothing about its scatter; equal values have none.
         return Interval(estimate, *((estimate, estimate) if n > 1 else (np.nan, np.nan)), n)
@@ -63,13 +63,19 @@ def _bootstrapped(values: Array, statistic: object, method: str = "BCa") -> Inte
     return Interval(estimate, *_resampled(values, statistic, method), n)
 
 
-def _resampled(values: Array, statistic: object, method: str) -> tuple[float, float]:
+def _resampled(values: Array, statistic: Callable[..., Any], method: str) -> tuple[float, float]:
     """Bootstrap limits; by percentiles where the values leave BCa undefined."""
     from scipy.stats import bootstrap
 
     for way in (method, "percentile"):
         with _degenerate_allowed():
-            options = {"confidence_level": CONFIDENCE, "n_resamples": RESAMPLES, "method": way, "vectorized": True, "rng": 0}
+            options: dict[str, Any] = {
+                "confidence_level": CONFIDENCE,
+                "n_resamples": RESAMPLES,
+                "method": way,
+                "vectorized": True,
+                "rng": 0,
+            }
             found = bootstrap((values,), statistic, **options).confidence_interval
         if np.isfinite([found.low, found.high]).all():
             break
@@ -77,7 +83,7 @@ def _resampled(values: Array, statistic: object, method: str) -> tuple[float, fl
 
 
 @contextmanager
-def _degenerate_allowed() -> Iterator[None]:
+def _degenerate_allowed() -> Generator[None]:
     """Where a jackknife has no scatter SciPy divides by zero, and gives NaN."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
@@ -122,9 +128,9 @@ def sobol(A: Array, B: Array, AB: Array) -> Sensitivity:
     with _degenerate_allowed():
         spread = found.bootstrap(confidence_level=CONFIDENCE, n_resamples=999)
 
-    def intervals(values: Array, limits: object) -> list[Interval]:
-        low, high = np.ravel(limits.confidence_interval.low), np.ravel(limits.confidence_interval.high)  # type: ignore[attr-defined]
-        return [Interval(*map(float, row), n) for row in zip(np.ravel(values), low, high, strict=True)]
+    def intervals(values: Array, limits: Any) -> list[Interval]:
+        low, high = np.ravel(limits.confidence_interval.low), np.ravel(limits.confidence_interval.high)
+        return [Interval(float(v), float(a), float(b), n) for v, a, b in zip(np.ravel(values), low, high, strict=True)]
 
     return Sensitivity(
         intervals(found.first_order, spread.first_order), intervals(found.total_order, spread.total_order)

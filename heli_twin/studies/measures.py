@@ -9,16 +9,16 @@ from controllers.signals import Array
 from heli_twin.metrics import AXES, SETTLING, tracking_error
 from heli_twin.recording import Log
 
-HOLD = 0.5
-"""s: an error that is exceeded for so long without a break is sustained."""
+HOLD = 1.0
+"""s: the time over which an error has to last to count as sustained."""
 
 
 def measures(log: Log, period: float = 0.02, deadline: float = inf) -> dict[str, Any]:
     """More numbers of a flight, the first `SETTLING` seconds left out.
 
-    Position errors are lengths in space. `sustained` is the greatest error that was exceeded for `HOLD` seconds
-    without a break: a graded measure, since a saturated loop does not diverge but cycles. `bias` is the mean error,
-    `spread` its standard deviation; `effort` the mean square of the input's deviation from its own mean, `variation`
+    Position errors are lengths in space. `sustained` is the root mean square error of the worst `HOLD` seconds: a
+    graded measure that a limit cycle cannot hide from by passing through zero. `bias` is the mean error, `spread` its
+    standard deviation; `effort` the mean square of the input's deviation from its own mean, `variation`
     the way an input travels in a second, `saturated` the share of time at a limit.
 
     Args:
@@ -49,10 +49,12 @@ def measures(log: Log, period: float = 0.02, deadline: float = inf) -> dict[str,
 
 
 def sustained(lengths: Array, hold: int) -> Array | None:
-    """The greatest value that each column stays above for `hold` samples in a row; None if it is too short."""
-    if len(lengths) < max(1, hold):
+    """The greatest root mean square of each column over `hold` samples in a row; None if it is too short."""
+    hold = max(1, hold)
+    if len(lengths) < hold:
         return None
-    return np.lib.stride_tricks.sliding_window_view(lengths, max(1, hold), axis=0).min(axis=-1).max(axis=0)
+    total = np.cumsum(np.vstack([np.zeros(lengths.shape[1]), lengths**2]), axis=0)
+    return np.sqrt(np.maximum(total[hold:] - total[:-hold], 0.0).max(axis=0) / hold)
 
 
 def _inputs(log: Log) -> dict[str, Any]:

@@ -66,7 +66,7 @@ class PebblePool:
     def _new(self) -> ProcessPool:
         # A process forked from this one could inherit a lock that a thread holds.
         methods = multiprocessing.get_all_start_methods()
-        context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
+        context: Any = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
         if "forkserver" in methods:
             context.set_forkserver_preload(PRELOADED)
         return ProcessPool(max_workers=self._processes, max_tasks=FLIGHTS_A_PROCESS, context=context)

@@ -4,11 +4,13 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
-from heli_twin.configuration import Tree, canonical_json, experiment_of, load, parts, put
+from heli_twin.configuration import load, put
 from heli_twin.experiment import Experiment
 from heli_twin.families import OneOf
+from heli_twin.specs import Tree, canonical_json, experiment_of, parts
 from heli_twin.studies.axes import Axis, axis_of
 from heli_twin.studies.columns import check_metrics
 from heli_twin.studies.designs import Point
@@ -36,7 +38,7 @@ class Run(NamedTuple):
     coordinates: dict[str, Any]
     """What the run is in the study: the first columns of its row."""
     changes: dict[str, Any]
-    """From the base experiment to this one: values by dotted path."""
+    """From the base experiment to this one but for the seed: values by dotted path, one object for all seeds."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,13 @@ class Plan:
     contrast: str
     """What the alternatives are alternatives of: a path of the experiment, or empty."""
 
+    @cached_property
+    def words(self) -> frozenset[str]:
+        """Axes whose values are shown as words, since one at least is no number."""
+        return frozenset(
+            path for path, axis in self.axes.items() if any(not isinstance(v, int | float) for v in axis.levels())
+        )
+
     def runs(self, points: Iterable[Point], first_point: int = 0) -> Iterator[Run]:
         """The runs of some points: every alternative with every seed."""
         for number, point in enumerate(points, first_point):
@@ -62,12 +71,20 @@ class Plan:
         changes = alternative.changes | point.changes
         tree = varied(self.base, changes)
         shown: dict[str, Any] = {self.contrast: alternative.name} if self.contrast else {}
-        shown |= {path: shown_value(_at(tree, path)) for path in point.changes if path in self.axes}
+        for path in point.changes:
+            if path in self.axes:
+                value = shown_value(_at(tree, path))
+                shown[path] = str(value) if path in self.words else value
         for seed in point.seeds or self.study.seeds:
             tree["seed"] = seed
             text = canonical_json(experiment_of(tree))
-            place = {"point": number, "alternative": alternative.name, "replicate": seed - self.study.seed, "seed": seed}
-            yield Run(run_id(text), text, place | shown | point.labels, changes | {"seed": seed})
+            place = {
+                "point": number,
+                "alternative": alternative.name,
+                "replicate": seed - self.study.seed,
+                "seed": seed,
+            }
+            yield Run(run_id(text), text, place | shown | point.labels, changes)
 
 
 def varied(base: str, changes: Mapping[str, Any]) -> Tree:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from heli_twin.configuration import Tree, canonical_json, load, presets
+from heli_twin.configuration import load, presets
+from heli_twin.specs import Tree, canonical_json
 
 
 def fly_command(experiment: str) -> str:

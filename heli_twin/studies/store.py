@@ -10,14 +10,16 @@ from typing import Any
 
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import Run
+from heli_twin.studies.wide_table import WideTable, listed
 
-SCHEMA = """
-CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
-CREATE TABLE IF NOT EXISTS flights (id TEXT PRIMARY KEY, outcome TEXT, score REAL, trouble INTEGER, row TEXT);
-CREATE INDEX IF NOT EXISTS scores ON flights (score);
-CREATE TABLE IF NOT EXISTS runs (n INTEGER PRIMARY KEY, id TEXT, coordinates TEXT, changes TEXT);
-CREATE INDEX IF NOT EXISTS ids ON runs (id);
-"""
+ABOUT = "CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT)"
+SETTINGS = "CREATE TABLE IF NOT EXISTS settings (setting INTEGER PRIMARY KEY, changes TEXT)"
+FLIGHTS = '"id" TEXT PRIMARY KEY, "outcome" TEXT, "score_" REAL, "trouble_" INTEGER, "outcome_text" TEXT'
+RUNS = '"n" INTEGER PRIMARY KEY, "id" TEXT, "setting" INTEGER, "alternative" TEXT, "point" INTEGER, "seed" INTEGER'
+INDEXES = ("CREATE INDEX IF NOT EXISTS scores ON flights (score_)", "CREATE INDEX IF NOT EXISTS ids ON runs (id)")
+BLOCK = 1000
+OURS = ("n", "setting", "score_", "trouble_")
+"""Columns that are nobody else's business."""
 
 
 class Store:
@@ -38,16 +40,25 @@ class Store:
             if write:
                 self._db.execute("PRAGMA journal_mode=WAL")
                 self._db.execute("PRAGMA synchronous=NORMAL")
-                self._db.executescript(SCHEMA)
+            self._runs, self._flights = WideTable(self._db, "runs", RUNS), WideTable(self._db, "flights", FLIGHTS)
+            if write:
+                for sql in (ABOUT, SETTINGS):
+                    self._db.execute(sql)
+                self._runs.create()
+                self._flights.create()
         except sqlite3.DatabaseError as error:
             raise StudyError(f"{self.path} cannot be used ({error}): move it away, or give another --out") from None
 
     def begin(self, about: Mapping[str, Any]) -> None:
         """A new launch: what it asks for is written anew, what was flown stays."""
         with self._transaction():
-            self._db.execute("DELETE FROM runs")
+            self._runs.renew()
+            self._db.execute("DELETE FROM settings")
             self._db.execute("DELETE FROM about")
+            for sql in INDEXES:
+                self._db.execute(sql)
             self.note(about)
+        self._setting: tuple[int, dict[str, Any]] = (-1, {})
 
     def note(self, about: Mapping[str, Any]) -> None:
         """Keep facts about the study as a whole."""
@@ -55,21 +66,27 @@ class Store:
 
     def ask(self, runs: Iterable[tuple[int, Run]]) -> None:
         """Write down numbered runs that the study wants."""
-        rows = ((n, run.id, json.dumps(run.coordinates), json.dumps(run.changes)) for n, run in runs)
         with self._transaction():
-            self._db.executemany("REPLACE INTO runs VALUES (?, ?, ?, ?)", rows)
+            self._runs.put(self._asked(runs))
+
+    def _asked(self, runs: Iterable[tuple[int, Run]]) -> Iterator[dict[str, Any]]:
+        for n, run in runs:
+            number, changes = self._setting
+            if changes is not run.changes or number < 0:
+                # The runs of a point share their changes.
+                number += 1
+                self._setting = number, run.changes
+                self._db.execute("INSERT INTO settings VALUES (?, ?)", (number, json.dumps(run.changes)))
+            yield run.coordinates | {"n": n, "id": run.id, "setting": number}
 
     def add(self, rows: Iterable[tuple[Mapping[str, Any], float | None, bool]]) -> None:
         """Store flights in one transaction: the row, its score if it completed, whether it brought no row back."""
         with self._transaction():
-            self._db.executemany(
-                "REPLACE INTO flights VALUES (?, ?, ?, ?, ?)",
-                ((row["id"], row["outcome"], score, trouble, json.dumps(row)) for row, score, trouble in rows),
-            )
+            self._flights.put({**row, "score_": score, "trouble_": trouble} for row, score, trouble in rows)
 
     def forget_troubles(self) -> None:
         """Let runs that were killed, hung or raised fly again."""
-        self._db.execute("DELETE FROM flights WHERE trouble")
+        self._db.execute("DELETE FROM flights WHERE trouble_")
 
     def has(self, run_id: str) -> bool:
         """Whether a run has been flown."""
@@ -88,7 +105,7 @@ class Store:
 
     def worst(self, number: int) -> list[tuple[str, float]]:
         """Ids and scores of the worst that completed."""
-        query = "SELECT DISTINCT id, score FROM runs JOIN flights USING (id) WHERE score NOT NULL ORDER BY score DESC, id LIMIT ?"
+        query = "SELECT DISTINCT id, score_ FROM flights JOIN runs USING (id) WHERE score_ NOT NULL ORDER BY score_ DESC, id LIMIT ?"
         return self._db.execute(query, (number,)).fetchall()
 
     def failed(self, number: int) -> list[str]:
@@ -102,29 +119,44 @@ class Store:
         return {found for (found,) in self._db.execute(query, (stride, stride // 2))}
 
     def find(self, start: str) -> tuple[str, dict[str, Any]] | None:
-        """The run whose id begins so: its id and its changes of the base."""
-        query = "SELECT id, changes FROM runs WHERE substr(id, 1, ?) = ? LIMIT 1"
-        found = self._db.execute(query, (len(start), start)).fetchone()
-        return (found[0], json.loads(found[1])) if found else None
+        """The run whose id begins so: its id and its changes of the base, the seed among them."""
+        query = "SELECT id, changes, seed FROM runs JOIN settings USING (setting) WHERE id >= ? AND id < ? ORDER BY id LIMIT 1"
+        found = self._db.execute(query, (start, start + "~")).fetchone()
+        return (found[0], json.loads(found[1]) | {"seed": found[2]}) if found else None
 
     def row(self, run_id: str) -> dict[str, Any]:
         """The row of one flown run."""
         (n,) = self._db.execute("SELECT min(n) FROM runs WHERE id = ?", (run_id,)).fetchone()
         return next(self.rows(n, n))
 
-    def rows(self, first: int = 0, last: int = 2**62) -> Iterator[dict[str, Any]]:
-        """Rows of the runs numbered first to last that have been flown: coordinates, then the flight."""
-        for text in self.lines(first, last):
-            yield json.loads(text)
+    def columns(self) -> dict[str, str]:
+        """The columns of a row and their SQL types: where in the study, and then the flight."""
+        self._runs.read()
+        self._flights.read()
+        both = self._runs.columns | {k: v for k, v in self._flights.columns.items() if k not in self._runs.columns}
+        return {name: kind for name, kind in both.items() if name not in OURS}
 
-    def lines(self, first: int = 0, last: int = 2**62) -> Iterator[str]:
-        """The same as JSON texts."""
-        query = (
-            "SELECT substr(coordinates, 1, length(coordinates) - 1) || ', ' || substr(row, 2) "
-            "FROM runs CROSS JOIN flights USING (id) WHERE n BETWEEN ? AND ? ORDER BY n"
+    def rows(self, first: int = 0, last: int = 2**62) -> Iterator[dict[str, Any]]:
+        """Rows of the runs numbered first to last that have been flown; what a row lacks is left out."""
+        names = list(self.columns())
+        for block in self.blocks(BLOCK, first, last):
+            for row in block:
+                yield {name: value for name, value in zip(names, row, strict=True) if value is not None}
+
+    def blocks(self, size: int, first: int = 0, last: int = 2**62) -> Iterator[list[tuple[Any, ...]]]:
+        """The same as tuples, in blocks, in the order of `columns`."""
+        names = self.columns()
+        mine = [name for name in names if name in self._runs.columns]
+        chosen = ", ".join(
+            filter(None, (listed(mine, "runs."), listed([n for n in names if n not in mine], "flights.")))
         )
-        for (text,) in self._db.execute(query, (first, last)):
-            yield text
+        # The study's order decides, not the order of flying.
+        query = (
+            f"SELECT {chosen} FROM runs CROSS JOIN flights ON runs.id = flights.id WHERE n BETWEEN ? AND ? ORDER BY n"
+        )
+        found = self._db.execute(query, (first, last))
+        while block := found.fetchmany(size):
+            yield block
 
     def close(self) -> None:
         """Let go of the folder."""

@@ -1,4 +1,4 @@
-"""A study as a value: what is flown, over which axes, compared how, repeated how often. Read from TOML or made in Python."""
+"""A study as a value: what is flown, over which axes, compared how. Read from TOML or made in Python."""
 
 import tomllib
 from collections.abc import Iterable
@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 from annotated_types import Ge, Gt, Le, MinLen, doc
 
-from heli_twin.configuration import ExperimentError, spec_of
 from heli_twin.families import OneOf, members
+from heli_twin.specs import ExperimentError, spec_of
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
@@ -57,7 +57,9 @@ class Study:
     )
     penalty: Annotated[float, Gt(0), doc("the score of a flight that failed")] = 2.5
     logs: Annotated[Logs, doc("which flights leave their MCAP behind")] = field(default_factory=Logs)
-    timeout: Annotated[float, Ge(0), doc("s: a flight that takes longer has hung; 0: 60 s and 5 times its duration")] = 0.0
+    timeout: Annotated[
+        float, Ge(0), doc("s: a flight that takes longer has hung; 0: 60 s and 5 times its duration")
+    ] = 0.0
     max_runs: Annotated[int, Ge(1), doc("a study with more flights than this is a mistake")] = 100_000
 
     @property
@@ -87,7 +89,9 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
     if source not in known and path.suffix != ".toml":
         near = get_close_matches(source, known, n=1, cutoff=0.5)
         hint = f"did you mean '{near[0]}'? " if near else ""
-        raise StudyError(f"unknown study '{source}': {hint}Available: {', '.join(known)}; a file of your own ends in .toml")
+        raise StudyError(
+            f"unknown study '{source}': {hint}Available: {', '.join(known)}; a file of your own ends in .toml"
+        )
     try:
         tree = tomllib.loads(path.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:

@@ -29,8 +29,8 @@ class Flown(NamedTuple):
 
 def fly_task(task: Task) -> Flown:
     """Fly a run; a flight that went wrong is a row like any other."""
-    from heli_twin.configuration import ExperimentError, from_json
     from heli_twin.mission import fly
+    from heli_twin.specs import ExperimentError, from_json
     from heli_twin.studies.columns import COMPLETED, columns
 
     began = perf_counter()
@@ -41,7 +41,7 @@ def fly_task(task: Task) -> Flown:
     except ExperimentError as error:
         return Flown(about | {"outcome": "refused", "outcome_text": str(error)})
     row = about | columns(result.log, experiment) | {"real_time_factor": result.real_time_factor}
-    score = row.get(task.score)
+    score: Any = row.get(task.score)
     failed = row["outcome"] != COMPLETED
     high = not failed and task.keep_above is not None and score is not None and score > task.keep_above
     keep = task.keep_log or (failed and task.keep_failed) or high

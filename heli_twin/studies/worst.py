@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from heli_twin.configuration import canonical_json, experiment_of
+from heli_twin.specs import canonical_json, experiment_of
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import varied

@@ -20,9 +20,10 @@ from controllers.trajectories.pirouette import Pirouette
 from controllers.trajectories.pirouette_circle import PirouetteCircle
 from controllers.trajectories.takeoff_and_landing import TakeoffAndLanding
 from controllers.trajectories.waypoints import Waypoints
-from heli_twin.configuration import ExperimentError, canonical_json, from_json, load, toml_of
+from heli_twin.configuration import load
 from heli_twin.families import members
 from heli_twin.mission import fly
+from heli_twin.specs import ExperimentError, canonical_json, from_json, toml_of
 
 KINDS = members("controllers.trajectories")
 MODEL = Model()

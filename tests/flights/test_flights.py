@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_twin import Experiment, fly, load, read_log
-from heli_twin.configuration import ExperimentError, from_json
+from heli_twin import Experiment, flight, fly, load, read_log
+from heli_twin.chance import generator
 from heli_twin.flight import Flight
 from heli_twin.metrics import SETTLING, tracking_error
 from heli_twin.mission import Result
 from heli_twin.recording.schema import TIMING, WIRES
+from heli_twin.specs import ExperimentError, from_json
 
 MS = 1_000_000
 ROOT = Path(__file__).parents[2]
@@ -229,6 +230,21 @@ def test_two_flights_of_one_seed_are_seen_by_the_same_cameras(change, lab):
     other = flown("lab", "duration=4", change)
     np.testing.assert_array_equal(lab.log.pose.stamp, other.log.pose.stamp)
     np.testing.assert_array_equal(lab.log.pose.time, other.log.pose.time)
+
+
+def test_every_part_that_rolls_dice_has_its_own(monkeypatch):
+    taken = []
+
+    def spied(seed, component):
+        taken.append((seed, component))
+        return generator(seed, component)
+
+    monkeypatch.setattr(flight, "generator", spied)
+    flown("lab", "duration=0.1", "seed=7")
+    assert {seed for seed, _ in taken} == {7}
+    names = [name for _, name in taken]
+    assert {"mocap", "radio", "compute", "gust"} <= set(names)
+    assert len(set(names)) == len(names)
 
 
 def test_another_seed_another_wind(lab):

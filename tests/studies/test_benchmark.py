@@ -14,6 +14,7 @@ from heli_twin.studies.study import study_of
 
 SIDE, SEEDS = 50, 200
 CHUNK = 20_000
+CHANGES = {"plant.mass": 0.03}
 
 
 def synthetic_runs():
@@ -41,11 +42,16 @@ def fill(folder):
         store.begin(Campaign(plan, store, folder).about())
         runs = synthetic_runs()
         while chunk := list(islice(runs, CHUNK)):
-            store.ask((n, Run(f"{n:016x}", "", place, place)) for n, place, _ in chunk)
+            store.ask((n, Run(f"{n:016x}", "", place, CHANGES)) for n, place, _ in chunk)
             rows = []
             for n, _, score in chunk:
                 failed = score > 1.5
-                row = {"id": f"{n:016x}", "outcome": "crashed" if failed else "completed", "outcome_text": "", **metrics}
+                row = {
+                    "id": f"{n:016x}",
+                    "outcome": "crashed" if failed else "completed",
+                    "outcome_text": "",
+                    **metrics,
+                }
                 rows.append((row | {"rmse.position": score}, None if failed else score, False))
             store.add(rows)
         write_parquet(store, folder / RESULTS)

@@ -11,7 +11,8 @@ from pathlib import Path
 import hooks
 import pytest
 
-from heli_twin.configuration import canonical_json, load
+from heli_twin.configuration import load
+from heli_twin.specs import canonical_json
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.reproduce import fly_command
@@ -140,7 +141,9 @@ def test_a_printed_command_flies_the_same_experiment(small, tmp_path):
 def test_results_are_read_by_others(small, tmp_path):
     run(small, tmp_path, hooks.fail)
     duckdb = pytest.importorskip("duckdb")
-    query = f"SELECT outcome, count(*), max(\"rmse.position\") FROM '{tmp_path / 'results.parquet'}' GROUP BY 1 ORDER BY 1"
+    query = (
+        f"SELECT outcome, count(*), max(\"rmse.position\") FROM '{tmp_path / 'results.parquet'}' GROUP BY 1 ORDER BY 1"
+    )
     assert duckdb.sql(query).fetchall() == [("completed", 4, 0.3), ("crashed", 2, 0.5)]
 
 

@@ -35,7 +35,9 @@ def reports(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reports")
     work = partial(hooks.rough, 0.8)
     for name, tree in STUDIES.items():
-        study = study_of({"name": name, "base": BASE, "alternatives": PAIR, "replicates": 2, "metrics": ["rmse.x"], **tree})
+        study = study_of(
+            {"name": name, "base": BASE, "alternatives": PAIR, "replicates": 2, "metrics": ["rmse.x"], **tree}
+        )
         run_study(study, folder / name, backend=partial(_embedded, 2), work=work)
         write_report(folder / name)
     return folder

@@ -115,12 +115,21 @@ def test_a_point_can_be_for_one_alternative_and_seed():
         ({"axes": {"plant.mass": [0.03, 0.03]}}, "same value twice"),
         ({"axes": {"plant.mass": [0.03, 5.0]}}, "plant.mass = 5.0"),
         ({"axes": {"plant.mass": {"linspace": [1, 2]}}}, "linspace takes [start, stop, number]"),
-        ({"axes": {"plant.mass": {"linspac": [1, 2, 3]}}}, "write a list, or one of linspace, logspace, normal, uniform"),
+        (
+            {"axes": {"plant.mass": {"linspac": [1, 2, 3]}}},
+            "write a list, or one of linspace, logspace, normal, uniform",
+        ),
         ({"axes": {"plant.mass": {"normal": [0.03, 0.001]}}}, "is a distribution, of which a grid"),
         ({"axes": {"seed": [1, 2]}}, "replicates"),
-        ({"axes": {"plant.mass": {"linspace": [0.02, 0.03, 500]}}, "replicates": 1000}, "500,000 flights, more than max_runs"),
+        (
+            {"axes": {"plant.mass": {"linspace": [0.02, 0.03, 500]}}, "replicates": 1000},
+            "500,000 flights, more than max_runs",
+        ),
         ({"design": {"kind": "sobol"}}, "needs something to vary"),
-        ({"design": {"kind": "sobol", "n": 12}, "axes": {"plant.mass": [1], "radio.latency": [1]}}, "power of 2, such as 16"),
+        (
+            {"design": {"kind": "sobol", "n": 12}, "axes": {"plant.mass": [1], "radio.latency": [1]}},
+            "power of 2, such as 16",
+        ),
         ({"design": {"kind": "ladder"}}, "needs rungs"),
         ({"design": {"kind": "margin"}, "axes": {"plant.mass": [0.02, 0.03]}}, "a margin is searched in a range"),
         ({"design": {"kind": "worst_case"}, "axes": {"plant.mass": [0.02]}}, "one value only"),
@@ -152,7 +161,9 @@ def test_an_unreadable_file_is_one_sentence(tmp_path):
 
 def test_overrides_reach_the_study_and_its_base(tmp_path):
     path = study_file(tmp_path, SMALLEST)
-    study = load_study(path, ["replicates=1", "duration=5", "axes.plant.mass=[0.03]", "plant=ideal", "design.kind=ladder"])
+    study = load_study(
+        path, ["replicates=1", "duration=5", "axes.plant.mass=[0.03]", "plant=ideal", "design.kind=ladder"]
+    )
     assert (study.replicates, study.base["duration"], study.axes["plant.mass"]) == (1, 5, [0.03])
     assert (study.base["plant"], study.design.kind) == ("ideal", "ladder")
 

@@ -1,7 +1,7 @@
 """Designs: which points of a study's axes are flown, and in what order. One file here is one design."""
 
 from collections.abc import Generator, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 from heli_twin.studies.errors import StudyError
 
@@ -31,9 +31,12 @@ Batches = Generator[Iterable[Point], list[Row], None]
 class Design(Protocol):
     """Which points are flown. A frozen dataclass with a literal `kind`."""
 
+    adaptive: ClassVar[bool]
+    """Whether what is flown next depends on what was flown: then each batch is answered with its rows."""
+
     @property
-    def adaptive(self) -> bool:
-        """Whether what is flown next depends on what was flown: then each batch is answered with its rows."""
+    def kind(self) -> str:
+        """Its name in a study file."""
         ...
 
     def check(self, plan: "Plan") -> None:

@@ -35,4 +35,7 @@ class Grid:
     def batches(self, plan: "Plan") -> Batches:
         """One batch, the last axis moving fastest."""
         paths = list(plan.axes)
-        yield (Point(dict(zip(paths, values, strict=True))) for values in product(*(a.levels() for a in plan.axes.values())))
+        yield (
+            Point(dict(zip(paths, values, strict=True)))
+            for values in product(*(a.levels() for a in plan.axes.values()))
+        )

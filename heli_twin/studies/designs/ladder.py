@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from annotated_types import doc
 
-from heli_twin.configuration import experiment_of
+from heli_twin.specs import experiment_of
 from heli_twin.studies.designs import Batches, Point, runs_of_points
 from heli_twin.studies.errors import StudyError
 
@@ -22,7 +22,8 @@ class Ladder:
     kind: Literal["ladder"] = "ladder"
     ground: Annotated[str, doc("what the base is called")] = "base"
     rungs: Annotated[
-        tuple[dict[str, Any], ...], doc("from below: `name`, and the changes it makes, such as `plant.servo_lag = 0.03`")
+        tuple[dict[str, Any], ...],
+        doc("from below: `name`, and the changes it makes, such as `plant.servo_lag = 0.03`"),
     ] = ()
 
     def check(self, plan: "Plan") -> None:

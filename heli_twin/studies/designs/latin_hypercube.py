@@ -32,4 +32,7 @@ class LatinHypercube:
         from scipy.stats import qmc
 
         shares = qmc.LatinHypercube(len(plan.axes), rng=plan.study.seed).random(self.points)
-        yield (Point({p: a.quantile(u) for (p, a), u in zip(plan.axes.items(), row, strict=True)}) for row in shares.tolist())
+        yield (
+            Point({p: a.quantile(u) for (p, a), u in zip(plan.axes.items(), row, strict=True)})
+            for row in shares.tolist()
+        )

@@ -1,6 +1,6 @@
 """Stability margins: how far one axis can go until the flight is not acceptable any more, seed by seed."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -20,14 +20,14 @@ class Margin:
     """Bisection on a graded criterion, for every axis, alternative, criterion and seed by itself.
 
     First the axis is flown at evenly spaced values; between the last acceptable one and the next, bisection closes in. A
-    flight that failed is not acceptable by any criterion. `sustained.yaw = 0.1` means an error above 0.1 rad for half a
-    second without a break: a saturated loop cycles instead of diverging.
+    flight that failed is not acceptable by any criterion. `sustained.yaw = 0.07` means 4 deg of root mean square over
+    the worst second: a saturated loop cycles instead of diverging.
     """
 
     adaptive: ClassVar[bool] = True
     kind: Literal["margin"] = "margin"
     criteria: Annotated[dict[str, float], doc("metrics, and the greatest acceptable value of each")] = field(
-        default_factory=lambda: {"sustained.yaw": 0.1, "sustained.position": 0.25}
+        default_factory=lambda: {"sustained.yaw": 0.07, "sustained.position": 0.25}
     )
     coarse: Annotated[int, Ge(2), Le(1000), doc("evenly spaced values to begin with")] = 6
     halvings: Annotated[int, Ge(0), Le(30), doc("of the interval that the coarse values leave")] = 4
@@ -36,7 +36,7 @@ class Margin:
         """Ranges to search, and criteria that exist."""
         need_axes(plan, "margin")
         if not self.criteria:
-            raise StudyError("a margin needs a criterion: design.criteria = { 'sustained.yaw' = 0.1 }")
+            raise StudyError("a margin needs a criterion: design.criteria = { 'sustained.yaw' = 0.07 }")
         check_metrics(self.criteria)
         for path, axis in plan.axes.items():
             if not isinstance(axis, Linspace | Logspace | Uniform):
@@ -119,7 +119,7 @@ class Search:
             self.high = self.middle
 
 
-def bracket(rows: list[Row], criterion: str, criteria: Mapping[str, float]) -> tuple[float | None, float | None]:
+def bracket(rows: Sequence[Row], criterion: str, criteria: Mapping[str, float]) -> tuple[float | None, float | None]:
     """The last acceptable share before the first that is not, and that one."""
     low = None
     for row in sorted(rows, key=lambda row: row["share"]):

@@ -1,4 +1,4 @@
-"""Figures for papers, as matplotlib draws them: the same data give the same bytes. The one module that knows matplotlib."""
+"""Figures for papers, by matplotlib, which only this module knows: the same data give the same bytes."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from heli_twin.studies.report.figure import FAILURE, Bars, Curve, Dots, Figure, 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LOOK = {
+LOOK: dict[Any, Any] = {
     "svg.hashsalt": "heli_twin",
     "font.size": 8,
     "axes.spines.top": False,
@@ -36,7 +36,13 @@ def write_svg(figure: Figure, path: Path) -> None:
         panels = figure.panels
         columns = 1 if len(panels) == 1 else 3 if len(panels) > 4 else 2
         rows = -(-len(panels) // columns)
-        height = max(2.4, max((0.26 * len(mark.names) + 0.8 for p in panels for mark in p.marks if isinstance(mark, Bars | Dots)), default=0))
+        height = max(
+            2.4,
+            max(
+                (0.26 * len(mark.names) + 0.8 for p in panels for mark in p.marks if isinstance(mark, Bars | Dots)),
+                default=0,
+            ),
+        )
         canvas = Canvas(figsize=(WIDTH * columns, height * rows), layout="constrained")
         places = canvas.subplots(rows, columns, squeeze=False).ravel()
         for axes, panel in zip(places, panels, strict=False):
@@ -66,6 +72,8 @@ def _panel(axes: "Axes", panel: Panel) -> None:
         axes.set_xticks(range(len(panel.x_names)), panel.x_names)
     if any(isinstance(mark, Heat | Bars | Dots) for mark in panel.marks):
         axes.grid(False)
+        if dots and panel.x_log:
+            axes.set_xscale("log")
         return
     axes.set_xscale("log" if panel.x_log else "linear")
     axes.set_yscale("log" if panel.y_log else "linear")
@@ -90,7 +98,9 @@ def _bars(axes: "Axes", mark: Bars) -> None:
     axes.barh(y, mark.length, left=mark.start, color=shades(mark), height=0.7)
     if mark.low is not None and mark.high is not None:
         end = mark.start + mark.length
-        axes.errorbar(end, y, xerr=_error(end, mark.low, mark.high), fmt="none", ecolor="#444444", elinewidth=0.8, capsize=1.5)
+        axes.errorbar(
+            end, y, xerr=_error(end, mark.low, mark.high), fmt="none", ecolor="#444444", elinewidth=0.8, capsize=1.5
+        )
     axes.set_yticks(y, mark.names)
     axes.set_ylim(len(mark.names) - 0.4, -0.6)
 
@@ -98,7 +108,9 @@ def _bars(axes: "Axes", mark: Bars) -> None:
 def _dots(axes: "Axes", mark: Dots, offset: float) -> None:
     y = np.arange(len(mark.names)) + offset
     error = _error(mark.value, mark.low, mark.high)
-    axes.errorbar(mark.value, y, xerr=error, fmt="o", color=color(mark.color), label=mark.label, elinewidth=1, capsize=2)
+    axes.errorbar(
+        mark.value, y, xerr=error, fmt="o", color=color(mark.color), label=mark.label, elinewidth=1, capsize=2
+    )
     for x, place, text in zip(mark.value, y, mark.texts, strict=False):
         axes.annotate(text, (x, place), xytext=(0, 4), textcoords="offset points", ha="center", fontsize=6)
     axes.set_yticks(range(len(mark.names)), mark.names)

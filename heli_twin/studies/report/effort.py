@@ -29,8 +29,8 @@ def effort(results: Results) -> Iterator[Figure]:
         clouds.append(Curve(name, x, y, style="points", commands=commands, color=place))
     if clouds:
         label = "stick effort (variance of the inputs, full stick squared)"
-        logs = (decades(np.concatenate([cloud[side] for cloud in clouds])) for side in (1, 2))
-        panel = Panel("", label, shown.label, clouds, *logs)
+        x_log, y_log = (decades(np.concatenate(values)) for values in ([c.x for c in clouds], [c.y for c in clouds]))
+        panel = Panel("", label, shown.label, clouds, x_log, y_log)
         lost = int(results.failed.sum())
         tail = f"; {lost:,} failed flights are not shown" if lost else ""
         yield Figure("effort", "Effort against error", f"In the median, {'; '.join(facts)}{tail}.", [panel])
@@ -46,11 +46,17 @@ def timing(results: Results) -> Iterator[Figure]:
             times = np.sort(times[np.isfinite(times) & (times > 0)])
             if len(times):
                 quantiles = np.linspace(0, 1, min(len(times), 200))
-                curves.append(Curve(alternative, np.quantile(times, quantiles), 100 * quantiles, style="steps", color=place))
+                curves.append(
+                    Curve(alternative, np.quantile(times, quantiles), 100 * quantiles, style="steps", color=place)
+                )
                 if name.endswith("p99"):
-                    facts.append(f"{alternative} solves within {number(float(np.median(times)), 2)} ms in 99 % of its steps")
+                    facts.append(
+                        f"{alternative} solves within {number(float(np.median(times)), 2)} ms in 99 % of its steps"
+                    )
         if curves:
-            panels.append(Panel(_title(name), "ms", "% of flights below", curves, decades(np.concatenate([c.x for c in curves]))))
+            panels.append(
+                Panel(_title(name), "ms", "% of flights below", curves, decades(np.concatenate([c.x for c in curves])))
+            )
     if panels:
         text = "; ".join(facts) + " (median over the flights, on the machines named below)."
         yield Figure("solve-times", "Solve times", text, panels)

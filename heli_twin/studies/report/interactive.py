@@ -64,7 +64,12 @@ def _curve(mark: Curve) -> Iterator[Trace]:
     if mark.low is not None and mark.high is not None:
         edge = {"x": _list(mark.x), "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
         yield edge | {"y": _list(mark.low), "name": mark.label}
-        yield edge | {"y": _list(mark.high), "name": mark.label, "fill": "tonexty", "fillcolor": _faint(color(mark.color))}
+        yield edge | {
+            "y": _list(mark.high),
+            "name": mark.label,
+            "fill": "tonexty",
+            "fillcolor": _faint(color(mark.color)),
+        }
     trace: Trace = {"x": _list(mark.x), "y": _list(mark.y), "name": mark.label, "mode": "lines+markers"}
     trace["line"] = {"color": color(mark.color), "dash": DASHES.get(mark.style, "solid")}
     trace["marker"] = {"color": color(mark.color), "size": 6}
@@ -98,7 +103,12 @@ def _dots(panel: Panel, mark: Dots) -> Trace:
     trace["hovertext"] = [f"{mark.label}, {name}: {text}" for name, text in zip(mark.names, texts, strict=True)]
     trace["hoverinfo"] = "text"
     if mark.texts:
-        trace |= {"mode": "markers+text", "text": list(mark.texts), "textposition": "top center", "textfont": {"size": 11}}
+        trace |= {
+            "mode": "markers+text",
+            "text": list(mark.texts),
+            "textposition": "top center",
+            "textfont": {"size": 11},
+        }
     return _with_commands(trace, mark.commands)
 
 
@@ -153,7 +163,15 @@ def _layout(figure: Figure, columns: int, width: int) -> dict[str, Any]:
 
 def _color_axis(mark: Heat, x: float, y: float, length: float) -> dict[str, Any]:
     """A map's colours, with their bar to the right of it."""
-    bar = {"title": {"text": mark.unit}, "thickness": 10, "x": x, "xanchor": "left", "y": y, "yanchor": "bottom", "len": length}
+    bar = {
+        "title": {"text": mark.unit},
+        "thickness": 10,
+        "x": x,
+        "xanchor": "left",
+        "y": y,
+        "yanchor": "bottom",
+        "len": length,
+    }
     if mark.diverging:
         return {"colorscale": DIVERGING, "cmid": 0, "colorbar": bar}
     ends = {"cmin": mark.limits[0], "cmax": mark.limits[1]} if mark.limits else {}
@@ -189,8 +207,8 @@ def _y_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
 def _edges(panel: Panel, side: int) -> list[float]:
     """The whole of a map, its empty cells too."""
     for mark in panel.marks:
-        if isinstance(mark, Heat) and len(mark[side]) > 1:
-            values = mark[side]
+        if isinstance(mark, Heat) and len(mark.y if side else mark.x) > 1:
+            values = mark.y if side else mark.x
             return [float(1.5 * values[0] - 0.5 * values[1]), float(1.5 * values[-1] - 0.5 * values[-2])]
     return []
 

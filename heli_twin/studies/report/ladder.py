@@ -63,4 +63,6 @@ def _table(results: Results, heights: list[float], names: list[str]) -> Table:
             cells = [interval(mean_interval(rung.metric(m)), metric(m).factor, metric(m).unit) for m in columns]
             rows.append([alternative, name, f"{int(rung.failed.sum())} of {len(rung)}", *cells])
     header = ["", "rung", "failed", *(metric(m).name for m in columns)]
-    return Table("Ladder in numbers", "Means over the seeds with 95 % intervals, of the flights that completed.", header, rows)
+    return Table(
+        "Ladder in numbers", "Means over the seeds with 95 % intervals, of the flights that completed.", header, rows
+    )

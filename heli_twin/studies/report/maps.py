@@ -4,6 +4,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +57,12 @@ def _sweep(results: Results, path: str) -> Figure:
 
 
 def _failure_panel(
-    results: Results, series: dict[str, NDArray[np.bool_]], place: NDArray[np.int64], x: Array, label: str, names: object
+    results: Results,
+    series: dict[str, NDArray[np.bool_]],
+    place: NDArray[np.int64],
+    x: Array,
+    label: str,
+    names: object,
 ) -> Panel:
     curves = []
     for number_, (name, mask) in enumerate(series.items()):
@@ -70,13 +76,22 @@ def _series(results: Results, rest: list[str]) -> dict[str, NDArray[np.bool_]]:
     """A name for each alternative with each combination of the other axes, and its rows."""
     labels = results["alternative"].astype(object)
     for path in rest:
-        labels = labels + f", {path} " + np.array([f"{v:g}" if isinstance(v, float) else str(v) for v in results[path]], object)
+        labels = (
+            labels
+            + f", {path} "
+            + np.array([f"{v:g}" if isinstance(v, float) else str(v) for v in results[path]], object)
+        )
     names, first = np.unique(labels.astype(str), return_index=True)
     return {str(names[i]): labels == names[i] for i in np.argsort(first)}
 
 
 def _sweep_sentence(
-    results: Results, path: str, values: NDArray, place: NDArray, series: dict[str, NDArray], chosen: list[str]
+    results: Results,
+    path: str,
+    values: NDArray[Any],
+    place: NDArray[Any],
+    series: dict[str, NDArray[Any]],
+    chosen: list[str],
 ) -> str:
     """Who is best where; and what failed."""
     facts = []
@@ -94,7 +109,7 @@ def _sweep_sentence(
 
 
 def _leaders(
-    results: Results, metric_: Array, place: NDArray, groups: int, series: dict[str, NDArray]
+    results: Results, metric_: Array, place: NDArray[Any], groups: int, series: dict[str, NDArray[Any]]
 ) -> list[tuple[str, ...]]:
     """At each value, the best and those that the shared seeds cannot tell from it."""
     scores = {name: _by_seed(results.where(mask), metric_[mask], place[mask], groups) for name, mask in series.items()}
@@ -107,12 +122,12 @@ def _leaders(
         if not there:
             found.append(())
             continue
-        best = min(there, key=lambda name: means[name])
+        best = min(there, key=means.__getitem__)
         found.append(tuple(n for n in there if n == best or not _worse(scores[n][i] - scores[best][i])))
     return found
 
 
-def _by_seed(rows: Results, values: Array, place: NDArray, groups: int) -> Array:
+def _by_seed(rows: Results, values: Array, place: NDArray[Any], groups: int) -> Array:
     """(groups, replicates) of values; NaN where there is none."""
     table = np.full((groups, rows.study.replicates), np.nan)
     replicate = np.clip(rows["replicate"].astype(np.int64), 0, rows.study.replicates - 1)
@@ -175,14 +190,19 @@ def _maps(results: Results, across: str, up: str) -> Iterator[Figure]:
     for name in others:
         difference = found[name][0] - found[first][0]
         panels.append(
-            Panel(f"{name} minus {first}", x_scale.label, y_scale.label, [Heat(*place, difference, shown.unit, diverging=True)])
+            Panel(
+                f"{name} minus {first}",
+                x_scale.label,
+                y_scale.label,
+                [Heat(*place, difference, shown.unit, diverging=True)],
+            )
         )
     rest = [p for p in results.axes if p not in (across, up)]
     also = f", averaged over {listed(rest)}" if rest else ""
     yield Figure(f"map-{_slug(across)}-{_slug(up)}", f"{across} and {up}", _map_sentence(results, found, also), panels)
 
 
-def _map_sentence(results: Results, found: dict, also: str) -> str:
+def _map_sentence(results: Results, found: dict[str, Any], also: str) -> str:
     shown = metric(results.study.score)
     facts = []
     for name, (mean, failure, _) in found.items():
@@ -210,7 +230,9 @@ def _clouds(results: Results, paths: list[str]) -> Figure:
             clouds.append(Curve(name, x, y, style="points", commands=commands, color=number_))
         panels.append(Panel(path, scale.label, shown.label, clouds, y_log=decades(kept.penalised)))
     rates = [f"{name} fails in {int(results.of(name).failed.sum())}" for name in results.alternatives]
-    sentence = f"Every flight a point, a failed one at the penalty of {results.study.penalty * shown.factor:g} {shown.unit}: "
+    sentence = (
+        f"Every flight a point, a failed one at the penalty of {results.study.penalty * shown.factor:g} {shown.unit}: "
+    )
     return Figure("clouds", "Over all axes", sentence + f"{listed(rates)} of {len(results):,} flights.", panels)
 
 

@@ -47,7 +47,8 @@ def _margin(mine: Results, axis: Axis, criterion: str, design: Margin) -> tuple[
     for seed in np.unique(mine["seed"]):
         rows = np.flatnonzero(mine["seed"] == seed)
         flown = [
-            {"share": mine["share"][i], "outcome": mine["outcome"][i], criterion: _number(mine[criterion][i])} for i in rows
+            {"share": mine["share"][i], "outcome": mine["outcome"][i], criterion: _number(mine[criterion][i])}
+            for i in rows
         ]
         low, high = bracket(flown, criterion, design.criteria)
         if high is not None and not command:

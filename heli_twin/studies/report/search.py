@@ -24,7 +24,9 @@ def search(results: Results) -> Iterator[Figure]:
                 continue
             trials, scores, commands = _by_trial(rows)
             worst = np.maximum.accumulate(scores) * scale.factor
-            curves.append(Curve(how, trials + 1.0, worst, style=style, commands=commands, color=place + (how == "random") * 7))
+            curves.append(
+                Curve(how, trials + 1.0, worst, style=style, commands=commands, color=place + (how == "random") * 7)
+            )
             ends[how] = (worst[-1], _where(rows, trials[int(np.argmax(scores))]))
         panels.append(Panel(alternative, "points tried", f"worst {scale.label}", curves))
         sentences.append(_sentence(alternative, ends, scale.unit))
@@ -47,7 +49,9 @@ def _where(rows: Results, trial: float) -> str:
     words = []
     for path in rows.axes:
         scale = field(path, rows[path].tolist()) if rows.is_number(path) else None
-        words.append(f"{path} {number(row[path][0] * scale.factor)} {scale.unit}".rstrip() if scale else str(row[path][0]))
+        words.append(
+            f"{path} {number(row[path][0] * scale.factor)} {scale.unit}".rstrip() if scale else str(row[path][0])
+        )
     return ", ".join(words)
 
 
@@ -56,4 +60,6 @@ def _sentence(alternative: str, ends: dict[str, tuple[float, str]], unit: str) -
         return f"{alternative}: not finished"
     (found, where), (chance, _) = ends["search"], ends["random"]
     verdict = "more than" if found > chance * 1.001 else "no more than"
-    return f"{alternative}: the search found {number(found)} {unit} at {where}, {verdict} chance's {number(chance)} {unit}"
+    return (
+        f"{alternative}: the search found {number(found)} {unit} at {where}, {verdict} chance's {number(chance)} {unit}"
+    )

@@ -42,7 +42,10 @@ def _scores(mine: Results, matrix: str, samples: int) -> Array:
 
 
 def _dots(found: Sensitivity, paths: list[str]) -> list[Dots]:
-    return [_dot("first order: alone", found.first, paths, 1), _dot("total order: with interactions", found.total, paths, 0)]
+    return [
+        _dot("first order: alone", found.first, paths, 1),
+        _dot("total order: with interactions", found.total, paths, 0),
+    ]
 
 
 def _dot(label: str, intervals: list[Interval], paths: list[str], color: int) -> Dots:

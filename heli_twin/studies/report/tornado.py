@@ -54,7 +54,8 @@ def _bars(mine: Results, swings: list[tuple[np.ndarray, str]], base: Results, pl
             low.append((center + change.low) * factor)
             high.append((center + change.high) * factor)
             commands.append(at.command(int(np.argmax(at.penalised))))
-    return [Bars("", names, *map(np.array, (start, length, low, high)), commands, place)]
+    ends = np.array(low), np.array(high)
+    return [Bars("", names, np.array(start), np.array(length), *ends, commands=commands, color=place)]
 
 
 def _level(rows: Results, path: str) -> str:

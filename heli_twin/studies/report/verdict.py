@@ -20,12 +20,16 @@ def verdict(results: Results) -> Iterator[Table]:
     rows = [_failures(results, names)]
     score = metric(results.study.score)
     penalised = _cells(results, names, results.penalised, score.factor, score.unit)
-    rows.append([f"score: {score.name}, a failure counts {results.study.penalty * score.factor:g} {score.unit}", *penalised])
+    rows.append(
+        [f"score: {score.name}, a failure counts {results.study.penalty * score.factor:g} {score.unit}", *penalised]
+    )
     for name in dict.fromkeys((results.study.score, *results.study.metrics)):
         scale = metric(name)
         values = results.metric(name)
         if np.isfinite(values).any():
-            rows.append([f"{scale.name} of completed flights", *_cells(results, names, values, scale.factor, scale.unit)])
+            rows.append(
+                [f"{scale.name} of completed flights", *_cells(results, names, values, scale.factor, scale.unit)]
+            )
     sentence = f"{len(results):,} flights; {_claim(results, names)}."
     yield Table("Verdict", sentence, header, rows)
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heli_twin.configuration import parts
 from heli_twin.experiment import Experiment
 from heli_twin.families import EachOf, OneOf, members
+from heli_twin.specs import parts
 from heli_twin.studies.inference import Interval
 
 NAMES = {

@@ -1,0 +1,116 @@
+"""Claims that set one controller against another with the same seeds: Fig. 6, height, coupling.
+
+Source: Kunz, Huck, Summers, ECC 2013, section III and Fig. 6.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from heli_twin.paper_flights import CASES, WEAK, Flights, weak
+from heli_twin.paper_verdicts import LITTLE, Claim, all_of, below, in_words, smaller
+from heli_twin.studies.inference import mean_interval
+from heli_twin.studies.report.words import interval, metric, number
+
+DEGREES = 180.0 / np.pi
+
+
+def comparison(flights: Flights) -> Iterator[Claim]:
+    """Every claim of this kind, in the paper's order."""
+    yield from _plane(flights)
+    yield from _heading(flights)
+    yield from _height(flights)
+    yield from _coupling(flights)
+
+
+def judged(flights: Flights, cases: Sequence[str], claim: Claim) -> Claim:
+    """A claim that is not comparable when a flight it rests on failed: survivors alone would flatter."""
+    for case in cases:
+        if failed := flights.failed(case):
+            why = f"{failed} of {len(flights.rows[case])} flights failed: {CASES[case].label}."
+            return claim._replace(verdict="not comparable", why=why)
+    return claim
+
+
+def _plane(flights: Flights) -> Iterator[Claim]:
+    for text, mpc, pid in (
+        ("MPC better than PID in x, y: PID by feedback only, the paper's", "circle", "circle_pid"),
+        ("MPC better than PID in x, y: PID by feedback only, nose north", "fixed", "fixed_pid"),
+        ("MPC better than PID in x, y: PID with the planned inputs, Z-N gains", "circle", "circle_flat_zn"),
+        ("MPC better than PID in x, y: PID with the planned inputs, fine-tuned", "circle", "circle_flat"),
+        (
+            "MPC better than PID in x, y: the same PID, MPC with a Riccati terminal weight",
+            "circle_riccati",
+            "circle_flat",
+        ),
+    ):
+        yield _better(flights, mpc, pid, ("x", "y"), f"Fig. 6: {text}")
+
+
+def _heading(flights: Flights) -> Iterator[Claim]:
+    for text, mpc, pid in (
+        ("PID by feedback only, nose along the path", "circle", "circle_pid"),
+        ("PID by feedback only, nose north", "fixed", "fixed_pid"),
+        ("PID with the planned inputs, nose along the path", "circle", "circle_flat"),
+    ):
+        yield _better(flights, mpc, pid, ("yaw",), f"Fig. 6: MPC better than PID in heading: {text}")
+    for text, mpc, pid in (
+        ("PID by feedback only, nose along the path", "circle", "circle_pid"),
+        ("PID by feedback only, nose north", "fixed", "fixed_pid"),
+        ("PID with the planned inputs, nose along the path", "circle", "circle_flat"),
+    ):
+        rms = [mean_interval(np.sqrt(flights.values(case, "mse.yaw"))) for case in (mpc, pid)]
+        ours = " / ".join(interval(a, DEGREES) for a in rms) + " deg rms"
+        why = f"Below {DEGREES * LITTLE:g} deg rms is taken for negligible."
+        verdict = all_of([below(a, LITTLE) for a in rms])
+        claim = Claim(f"Fig. 6: heading errors negligible, MPC / PID: {text}", "negligible", ours, verdict, why)
+        yield judged(flights, (mpc, pid), claim)
+
+
+def _height(flights: Flights) -> Iterator[Claim]:
+    yield _better(flights, "circle_pid", "circle", ("z",), "Fig. 6: PID better than MPC in z: thrust as both believe")
+    for share in WEAK:
+        text = f"Fig. 6: PID better than MPC in z: thrust {100 * share:g} % below what both believe"
+        yield _better(flights, weak(share, "_pid"), weak(share), ("z",), text)
+    for share in WEAK:
+        text = f"... for want of an integral in z: MPC that cancels the push beats PID, thrust {100 * share:g} % low"
+        claim = _better(flights, weak(share, "_free"), weak(share, "_pid"), ("z",), text)
+        yield claim._replace(paper="its reason")
+
+
+def _coupling(flights: Flights) -> Iterator[Claim]:
+    for where, removed, full in (("circle", "circle", "circle_full"), ("pirouette circle", "turning", "turning_full")):
+        yield _activity(flights, where, removed, full)
+        yield _better(flights, removed, full, ("x", "y"), f"Coupling removed: motion significantly better, {where}")
+        yield _better(flights, removed, full, ("yaw",), f"Coupling removed: heading significantly better, {where}")
+
+
+def _activity(flights: Flights, where: str, removed: str, full: str) -> Claim:
+    """How restless the yaw input is."""
+    a, b = flights.values(removed, "step.u_yaw"), flights.values(full, "step.u_yaw")
+    verdict, difference = smaller(a, b)
+    level = [float(flights.values(case, "rms.u_yaw").mean()) for case in (removed, full)]
+    ours = f"step {number(float(a.mean()))} against {number(float(b.mean()))}, difference {interval(difference)}"
+    why = (
+        f"Change of u_yaw per control step, rms: {in_words(difference)}, "
+        f"by {number(100 * abs(difference.value) / float(b.mean()), 2)} %; "
+        f"rms of u_yaw itself {level[0]:.4f} against {level[1]:.4f}."
+    )
+    claim = Claim(f"Coupling removed: less actuation of the yaw, {where}", "less", ours, verdict, why)
+    return judged(flights, (removed, full), claim)
+
+
+def _better(flights: Flights, one: str, other: str, axes: Sequence[str], text: str) -> Claim:
+    """Whether the first has the smaller mean squared error on all axes."""
+    cells: list[str] = []
+    found = {axis: smaller(flights.values(one, f"mse.{axis}"), flights.values(other, f"mse.{axis}")) for axis in axes}
+    for axis, (_, difference) in found.items():
+        scale = metric(f"mse.{axis}")
+        a, b = (scale.factor * float(flights.values(case, f"mse.{axis}").mean()) for case in (one, other))
+        cells.append(
+            f"{axis}: {number(a)} against {number(b)}, difference {interval(difference, scale.factor, scale.unit)}"
+        )
+    words = ", ".join(f"{axis} {in_words(difference)}" for axis, (_, difference) in found.items())
+    why = f"{CASES[one].label}, against {CASES[other].label}, mean squared error, same seeds: {words}."
+    verdict = all_of([verdict for verdict, _ in found.values()])
+    return judged(flights, (one, other), Claim(text, "smaller", "; ".join(cells), verdict, why))

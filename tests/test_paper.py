@@ -1,0 +1,266 @@
+"""The paper's claims: judged by rule from flights alone, on a page that holds together."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+from base64 import b64decode
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from controllers.laws.ltv_mpc import LtvMpc
+from controllers.laws.pid import Pid
+from controllers.model import Model
+from heli_twin.errors import HeliTwinError
+from heli_twin.identification import Identified
+from heli_twin.identification_fit import AxisFit, Parameter
+from heli_twin.paper import write_paper
+from heli_twin.paper_causes import causes, feedback_gains
+from heli_twin.paper_claims import claims, timing_claims
+from heli_twin.paper_figures import figures
+from heli_twin.paper_flights import CASES, Flights
+from heli_twin.paper_page import flown_table
+from heli_twin.paper_verdicts import all_of, apart, below, exact, explains, smaller, within
+from heli_twin.recording.log import Timings
+from heli_twin.studies.inference import Interval
+from heli_twin.studies.report.drawing import write_svg
+
+NO, YES, NEITHER = "not reproduced", "reproduced", "not comparable"
+UNKNOWN = Interval(1.0, np.nan, np.nan, 1)
+SEEDS = 6
+AXES = ("x", "y", "z", "yaw")
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "verdict"),
+    [(0.6, 1.9, YES), (0.4, 1.0, NO), (1.0, 2.1, NO), (3.0, 4.0, NO), (np.nan, np.nan, NEITHER)],
+)
+def test_the_whole_interval_has_to_be_near_the_papers_number(low, high, verdict):
+    assert within(Interval(1.0, low, high, 8), 1.0, 2.0) == verdict
+
+
+def test_a_number_without_scatter_is_judged_by_itself():
+    assert within(exact(2.4), 2.5, 1.2) == YES
+    assert within(exact(2.0), 2.5, 1.2) == NO
+    assert within(exact(np.nan), 2.5, 1.2) == NEITHER
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict"), [(Interval(1, 0.5, 1.9, 8), YES), (Interval(1, 0.5, 2.1, 8), NO), (UNKNOWN, NEITHER)]
+)
+def test_a_limit_holds_for_the_whole_interval(found, verdict):
+    assert below(found, 2.0) == verdict
+
+
+@pytest.mark.parametrize(
+    ("found", "sign", "verdict"),
+    [
+        (Interval(1, 0.5, 2, 8), 1.0, YES),
+        (Interval(-1, -2, -0.5, 8), -1.0, YES),
+        (Interval(1, 0.5, 2, 8), -1.0, NO),
+        (Interval(1, -0.1, 2, 8), 1.0, NO),
+        (UNKNOWN, 1.0, NEITHER),
+    ],
+)
+def test_an_offset_is_on_its_side_of_zero(found, sign, verdict):
+    assert apart(found, sign) == verdict
+
+
+def test_smaller_means_significantly_smaller_with_the_same_seeds():
+    seeds = np.random.default_rng(1).uniform(1.0, 3.0, 8)
+    assert smaller(0.5 * seeds, seeds)[0] == YES
+    assert smaller(seeds, 0.5 * seeds)[0] == NO
+    assert smaller(0.99 * seeds, seeds)[0] == NO, "certain, but not worth speaking of"
+    assert smaller(seeds[::-1] - 0.1, seeds)[0] == NO, "lost in the scatter"
+    assert smaller(0.5 * seeds[:1], seeds[:1])[0] == NEITHER, "one seed has no interval"
+
+
+def test_a_claim_of_several_numbers_is_as_good_as_its_worst():
+    assert all_of([YES, YES]) == YES
+    assert all_of([YES, NO]) == NO
+    assert all_of([YES, NO, NEITHER]) == NEITHER
+
+
+def test_a_cause_explains_when_half_of_the_effect_goes_with_it():
+    assert explains(1.0, 0.4) == "yes"
+    assert explains(1.0, -2.0) == "yes"
+    assert explains(1.0, 0.6) == "no"
+    assert explains(-1.0, 0.0) == explains(np.nan, 0.0) == "unknown"
+
+
+def test_the_gains_of_a_pid_are_its_own():
+    law = Pid()
+    own = [(law.p_x, law.d_x), (law.p_y, law.d_y), (law.p_z, law.d_z), (law.p_yaw, law.d_yaw)]
+    # The first step integrates one period already, after its output: the gains are exact but for rounding.
+    np.testing.assert_allclose(feedback_gains(law), own, atol=1e-9)
+
+
+def test_a_riccati_terminal_weight_makes_the_mpc_stiffer():
+    assert (feedback_gains(LtvMpc(terminal="riccati"))[:2, 0] > 2 * feedback_gains(LtvMpc())[:2, 0]).all()
+
+
+def pretended(folder=None, **worse):
+    """Flights that were never flown: small errors with some scatter, those of some cases scaled."""
+    rows = {}
+    for number, (name, case) in enumerate(CASES.items()):
+        rng = np.random.default_rng(number)
+        rows[name] = []
+        for _ in range(1 if case.once else SEEDS):
+            row = {f"max_abs_error.{axis}": 0.02 * rng.uniform(0.9, 1.1) for axis in AXES}
+            row |= {f"mse.{axis}": 1e-4 * rng.uniform(0.9, 1.1) for axis in (*AXES, "position")}
+            row |= {"rms.u_yaw": 0.05 * rng.uniform(0.9, 1.1), "step.u_yaw": 0.05 * rng.uniform(0.9, 1.1)}
+            row |= {"mean.u_x": -0.05 * rng.uniform(0.9, 1.1), "mean.u_y": -0.02 * rng.uniform(0.9, 1.1)}
+            rows[name].append(
+                {key: worse.get(name, 1.0) * value for key, value in row.items()} | {"outcome": "completed"}
+            )
+    return Flights(folder, rows)
+
+
+def verdict_of(flights, start):
+    return next(claim for claim in claims(flights, None) if claim.claim.startswith(start))
+
+
+@pytest.mark.parametrize(
+    ("start", "worse", "verdict"),
+    [
+        ("Fig. 3, simulated circle: largest", {"simulated": 1.25}, YES),
+        ("Fig. 3, simulated circle: largest", {"simulated": 2.0}, NO),
+        ("Fig. 3, simulated circle: heading", {"simulated": 1.0}, YES),
+        ("Fig. 3, simulated circle: heading", {"simulated": 10.0}, NO),
+        ("Fig. 4, hover: largest", {"hover": 2.0}, YES),
+        ("Fig. 4, hover: largest", {"hover": 9.0}, NO),
+        ("Fig. 4, hover: a steady", {"hover": 1.0}, YES),
+        ("Fig. 4, hover: a steady", {"hover": -1.0}, NO),
+        ("Fig. 5, circle: largest", {"circle": 3.0}, YES),
+        ("Fig. 5, circle: largest", {"circle": 1.0}, NO),
+        ("Fig. 6: MPC better than PID in x, y: PID by feedback only, the", {"circle_pid": 5.0}, YES),
+        ("Fig. 6: MPC better than PID in x, y: PID by feedback only, the", {"circle_pid": 0.5}, NO),
+        ("Fig. 6: PID better than MPC in z: thrust 10", {"weak10": 9.0}, YES),
+        ("Fig. 6: PID better than MPC in z: thrust 10", {"weak10_pid": 9.0}, NO),
+        ("... for want of an integral in z: MPC that cancels the push beats PID, thrust 5", {"weak5_pid": 2.0}, YES),
+        ("... for want of an integral in z: MPC that cancels the push beats PID, thrust 5", {"weak5_free": 2.0}, NO),
+        ("Coupling removed: less actuation of the yaw, pirouette", {"turning_full": 2.0}, YES),
+        ("Coupling removed: less actuation of the yaw, pirouette", {"turning_full": 1.0}, NO),
+    ],
+)
+def test_the_verdict_follows_the_flights(start, worse, verdict):
+    assert verdict_of(pretended(**worse), start).verdict == verdict
+
+
+def test_a_failed_flight_makes_a_comparison_void_and_is_told():
+    flights = pretended(circle_pid=5.0)
+    flights.rows["circle_pid"][2]["outcome"] = "crashed"
+    claim = verdict_of(flights, "Fig. 6: MPC better than PID in x, y: PID by feedback only, the")
+    assert claim.verdict == NEITHER
+    assert f"1 of {SEEDS} flights failed" in claim.why
+    flights.rows["wheel_pid"][0]["outcome"] = "left_volume"
+    assert verdict_of(flights, "Hover, circle, pirouette").verdict == NO
+
+
+def identified(**changes):
+    def parameter(name):
+        value = changes.get(name, getattr(Model(), name))
+        return Parameter(value, 0.9 * value, 1.1 * value)
+
+    def fit(axis):
+        k = None if axis == "z" else parameter(f"k_{axis}")
+        return AxisFit(parameter(f"b_{axis}"), k, Parameter(0.03, 0.02, 0.04), 0.0, (), (), ())
+
+    return Identified({axis: fit(axis) for axis in AXES}, ("a",), 60.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "verdict"), [({}, YES), ({"b_z": 18.8}, YES), ({"b_z": 19.0}, NO), ({"k_yaw": 5.0}, NO)]
+)
+def test_every_parameter_has_to_be_found(changes, verdict):
+    assert next(claims(pretended(), identified(**changes))).verdict == verdict
+
+
+def test_another_solver_on_another_machine_is_not_comparable():
+    ms = np.full(100, 1_000_000)
+    solve, period = timing_claims(Timings(ms, 3 * ms, ms // 4), "a processor")
+    assert solve.verdict == NEITHER
+    assert "20 to 28 times" in solve.why
+    assert period.verdict == YES
+    assert [*timing_claims(Timings(ms, 30 * ms, ms), "a processor")][1].verdict == NO
+
+
+def test_no_flights_no_paper(tmp_path):
+    with pytest.raises(HeliTwinError, match="at least one seed"):
+        write_paper(tmp_path, 0)
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory):
+    """One short flight of everything."""
+    folder = tmp_path_factory.mktemp("paper")
+    return folder, write_paper(folder, 1, duration=2.1, identification=False)
+
+
+def text_of(flights):
+    """Everything that the tables say of flights."""
+    return [*claims(flights, None), causes(flights), flown_table(flights, SEEDS, 30.0)]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_flight_counts_and_nothing_is_typed_in(case):
+    assert text_of(pretended(**{case: 1.37})) != text_of(pretended())
+
+
+def test_one_seed_compares_nothing(paper):
+    verdicts = {claim.claim: claim.verdict for claim in paper[1]}
+    assert all(verdict == NEITHER for claim, verdict in verdicts.items() if "better" in claim)
+    assert verdicts["Hover, circle, pirouette, ferris wheel and pirouette on a circle are flown"] == YES
+
+
+class Page(HTMLParser):
+    """What a browser would look for."""
+
+    VOID = ("meta", "link", "img")
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.links, self.images = [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self.ids += [found["id"]] if "id" in found else []
+        self.links += [found["href"]] if "href" in found else []
+        self.images += [found["src"]] if "src" in found else []
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_the_page_is_whole(paper):
+    folder, found = paper
+    text = (folder / "paper.html").read_text()
+    page = Page()
+    page.feed(text)
+    assert page.open == []
+    assert len(set(page.ids)) == len(page.ids)
+    for link in page.links:
+        assert link == "data:," or (link[1:] in page.ids if link.startswith("#") else (folder / link).exists()), link
+    drawn = {path.read_bytes() for path in folder.glob("*.svg")}
+    assert {b64decode(image.removeprefix("data:image/svg+xml;base64,")) for image in page.images} == drawn
+    for svg in drawn:
+        assert ElementTree.fromstring(svg).tag.endswith("svg")
+    assert text.count('class="reproduced"') == sum(claim.verdict == YES for claim in found)
+    assert "nan" not in re.sub(r'src="[^"]*"', "", text)
+
+
+def test_every_curve_has_a_log_to_replay_and_to_fly_again(paper):
+    text = (paper[0] / "paper.html").read_text()
+    for action in ("replay", "refly"):
+        logs = set(re.findall(rf"heli-twin {action} (\S+?\.mcap)", text))
+        assert {f"{paper[0]}/logs/{case}-seed0.mcap" for case in ("simulated", "hover", "circle", "circle_pid")} < logs
+        assert all(paper[0].joinpath(log).exists() for log in logs)
+
+
+def test_figures_are_the_same_bytes_every_time(paper, tmp_path):
+    for shown in figures(pretended(paper[0])):
+        for name in ("a.svg", "b.svg"):
+            write_svg(shown.figure, tmp_path / name)
+        assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
