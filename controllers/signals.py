@@ -6,8 +6,8 @@ room, *body* is the paper's frame (x to the nose, y to port, z up) turned by the
 
 from typing import NamedTuple
 
-from numpy.typing import NDArray
 import numpy as np
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -73,11 +73,11 @@ class QpReport(NamedTuple):
     status: str
     """`solved`, `softened`, `shifted_plan` or `safe_hover`: the rung of the fallback ladder that answered."""
     iterations: int
-    """Outer ProxQP iterations, all attempts together."""
+    """Newton iterations of ProxQP, all attempts together."""
     active_bounds: int
     """Input and velocity bounds that hold with equality."""
     objective: float
-    """Cost (26) of the plan up to a constant."""
+    """Half the cost (26) of the plan up to a constant, and the penalty where it was softened."""
     slack: float
     """Largest softening of a velocity bound, m/s or rad/s; 0 unless `softened`."""
 

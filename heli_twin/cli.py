@@ -12,7 +12,7 @@ from heli_twin.errors import HeliTwinError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code: 0 done, 1 done but the answer is bad, 2 a mistake of the caller's."""
+    """Run the command line and return the exit code: 0 done, 1 done with a bad answer, 2 the caller's mistake."""
     parser = argparse.ArgumentParser(
         prog="heli-twin",
         description="Fly a 28 g coaxial helicopter's digital twin, log it, replay it, study it.",

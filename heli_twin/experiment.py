@@ -66,6 +66,6 @@ class Experiment:
         tuple[DisturbanceSpec, ...],
         EachOf("heli_twin.disturbances"),
         doc("what the surroundings do; `off` leaves one out"),
-    ] = (Gust(), Bias())
+    ] = (Bias(), Gust())
     faults: Annotated[tuple[Fault, ...], EachOf("heli_twin.faults"), doc("what breaks")] = ()
     volume: Annotated[Volume, doc("where the flight may go")] = field(default_factory=Volume)

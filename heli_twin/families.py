@@ -25,9 +25,8 @@ def members(package: str) -> dict[str, type]:
     A member is a dataclass defined in the module, or in any module of the package, with a field `kind`.
     """
     home = import_module(package)
-    modules: list[ModuleType] = [home]
-    for found in iter_modules(getattr(home, "__path__", [])):
-        modules.append(import_module(f"{package}.{found.name}"))
+    rooms = iter_modules(getattr(home, "__path__", []))
+    modules: list[ModuleType] = [home, *(import_module(f"{package}.{found.name}") for found in rooms)]
     kinds = {}
     for module in modules:
         for value in vars(module).values():

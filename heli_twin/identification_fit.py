@@ -12,7 +12,7 @@ Residuals are gusts that last, not noise that averages out: intervals are Newey 
 products reach over `MEMORY`, with critical values for that many lags; to each half-width `LEFT_OUT` of the value is
 added for what (1) leaves out besides. Measured on 36 flights of a minute in the plane and 12 of 40 s in height and
 heading of the default twin, each identified by itself: 94 % of the intervals held the estimators' own mean before
-that was added, and the means were within 1.0 % of (27), b_y furthest.
+that was added, and the means were within 1.1 % of (27), b_y furthest.
 
 Sources: Kunz, Huck, Summers, ECC 2013, (1), (27); Newey and West, Econometrica 1987; Kiefer and Vogelsang,
 Econometric Theory 2005 (fixed-b critical values).

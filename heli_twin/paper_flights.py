@@ -46,6 +46,11 @@ class Case(NamedTuple):
         """One of its flights."""
         return load(self.preset, [*self.changes, f"seed={seed}", f"duration={duration}"])
 
+    def command(self, duration: float) -> str:
+        """What flies the first of them."""
+        shorter = () if duration == load(self.preset).duration else (f"duration={duration:g}",)
+        return " ".join(["heli-twin fly", *([self.preset] if self.preset else []), *self.changes, *shorter])
+
 
 def weak(share: float, kind: str = "") -> str:
     """The case of an MPC under a thrust that is low by a share; `_pid` and `_free` are those of its rivals."""

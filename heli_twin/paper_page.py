@@ -11,11 +11,9 @@ from heli_twin.paper_claims import CM
 from heli_twin.paper_comparison import DEGREES
 from heli_twin.paper_flights import CASES, Flights
 from heli_twin.paper_verdicts import Claim
-from heli_twin.specs import canonical_json
 from heli_twin.studies.report.figure import Figure, Table
 from heli_twin.studies.report.page import STYLE
 from heli_twin.studies.report.words import number
-from heli_twin.studies.reproduce import fly_command
 
 
 class Section(NamedTuple):
@@ -65,8 +63,8 @@ def flown_table(flights: Flights, seeds: int, duration: float) -> Table:
     rows: list[list[str]] = []
     for name, found in flights.rows.items():
         errors = [number(CM * flights.rms(name, axis)) for axis in "xyz"] + [number(DEGREES * flights.rms(name, "yaw"))]
-        command = fly_command(canonical_json(CASES[name].experiment(0, duration)))
-        rows.append([CASES[name].label, f"{len(found) - flights.failed(name)} of {len(found)}", *errors, command])
+        completed = f"{len(found) - flights.failed(name)} of {len(found)}"
+        rows.append([CASES[name].label, completed, *errors, CASES[name].command(duration)])
     sentence = (
         f"Seeds 0 to {seeds - 1}, {duration:g} s each; rms errors against the truth over all flights of a kind, "
         f"the first {SETTLING:g} s of each left out."

@@ -18,9 +18,7 @@ class Kalman:
 
     kind: Literal["kalman"] = "kalman"
     roll_forward: Annotated[bool, doc("predict on to when the command acts; off: take old poses for new")] = True
-    command_delay: Annotated[
-        float, Ge(0), Le(1), Unit("s"), doc("believed time from a control step to its effect")
-    ] = 0.022
+    command_delay: Annotated[float, Ge(0), Le(1), Unit("s"), doc("believed time from control step to effect")] = 0.022
     position_noise: Annotated[float, Gt(0), Unit("m"), doc("believed standard deviation of a position")] = 0.0005
     yaw_noise: Annotated[float, Gt(0), Unit("rad"), doc("believed standard deviation of a heading")] = 0.0052
     velocity_walk: Annotated[float, Gt(0), Unit("m/s/sqrt(s)"), doc("unmodelled acceleration, white")] = 0.2
@@ -63,8 +61,8 @@ class KalmanFilter:
         self._stamp, self._age = -1, 0
         self._rejected, self._rejected_in_a_row = 0, 0
         self.innovation: tuple[Array, Array] | None = None
-        """Of the last pose that was compared with a prediction, refused or not: measured minus predicted x y z yaw (4,),
-        and the variance (4,) of that."""
+        """Of the last pose that was compared with a prediction, refused or not: measured minus predicted x y z yaw
+        (4,), and the variance (4,) of that."""
 
     def command_sent(self, now: int, u: Array) -> None:
         """Remember the input u (4,) decided at `now` (ns): it acts `command_delay` later."""
@@ -161,7 +159,7 @@ def heading(quat_wxyz: Array) -> float:
 
 
 def _corrected(x: State, position: Input, velocity_world: Input) -> State:
-    """Add corrections of x y z yaw and of their rates; the velocity keeps its world direction when the yaw is corrected."""
+    """Add corrections of x y z yaw and of their rates; a corrected yaw does not turn the velocity in the world."""
     c, s = cos(x[3]), sin(x[3])
     wx = c * x[4] - s * x[5] + velocity_world[0]
     wy = s * x[4] + c * x[5] + velocity_world[1]

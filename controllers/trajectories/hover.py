@@ -23,4 +23,4 @@ class Hover:
     def flat(self, t: Array) -> FlatOutput:
         """The same point at all times."""
         rest = np.zeros((len(t), 4))
-        return FlatOutput(rest + [self.x, self.y, self.height, self.yaw], rest, rest)
+        return FlatOutput(rest + np.array([self.x, self.y, self.height, self.yaw]), rest, rest)

@@ -56,7 +56,7 @@ def picture(show: Callable[[int], None], at: float, size: tuple[int, int]) -> by
     Raises:
         LogError: There is nothing to draw with, or the viewer failed.
     """
-    with _headless(size) as (port, viewer):
+    with headless(size) as (port, viewer):
         started = time.monotonic()
         show(port)
         _wait_until_all_is_there(viewer)
@@ -66,8 +66,12 @@ def picture(show: Callable[[int], None], at: float, size: tuple[int, int]) -> by
 
 
 @contextmanager
-def _headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
-    """A viewer without a window and its port, for as long as it is needed."""
+def headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
+    """A viewer without a window and its port, for as long as it is needed; size in pixels.
+
+    Raises:
+        LogError: There is nothing to draw with, or the viewer failed.
+    """
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         port = probe.getsockname()[1]

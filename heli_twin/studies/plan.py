@@ -121,8 +121,8 @@ def plan_of(study: Study) -> Plan:
     runs = study.design.count(plan)
     if runs > study.max_runs:
         raise StudyError(
-            f"this study is {runs:,} flights, more than max_runs = {study.max_runs:,}: take fewer values or replicates, "
-            "or raise max_runs"
+            f"this study is {runs:,} flights, more than max_runs = {study.max_runs:,}: take fewer values or "
+            "replicates, or raise max_runs"
         )
     _check_levels(plan)
     return plan

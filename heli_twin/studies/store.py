@@ -105,7 +105,10 @@ class Store:
 
     def worst(self, number: int) -> list[tuple[str, float]]:
         """Ids and scores of the worst that completed."""
-        query = "SELECT DISTINCT id, score_ FROM flights JOIN runs USING (id) WHERE score_ NOT NULL ORDER BY score_ DESC, id LIMIT ?"
+        query = (
+            "SELECT DISTINCT id, score_ FROM flights JOIN runs USING (id) "
+            "WHERE score_ NOT NULL ORDER BY score_ DESC, id LIMIT ?"
+        )
         return self._db.execute(query, (number,)).fetchall()
 
     def failed(self, number: int) -> list[str]:
@@ -120,7 +123,8 @@ class Store:
 
     def find(self, start: str) -> tuple[str, dict[str, Any]] | None:
         """The run whose id begins so: its id and its changes of the base, the seed among them."""
-        query = "SELECT id, changes, seed FROM runs JOIN settings USING (setting) WHERE id >= ? AND id < ? ORDER BY id LIMIT 1"
+        join = "runs JOIN settings USING (setting)"
+        query = f"SELECT id, changes, seed FROM {join} WHERE id >= ? AND id < ? ORDER BY id LIMIT 1"
         found = self._db.execute(query, (start, start + "~")).fetchone()
         return (found[0], json.loads(found[1]) | {"seed": found[2]}) if found else None
 

@@ -3,7 +3,9 @@
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from controllers.signals import Pose
 from heli_twin.recording import Log, LogError, Recorder
 from heli_twin.recording.layout import Scales
 from heli_twin.recording.rerun_bridge import Live, Sink, show
+from heli_twin.recording.viewer import headless
 
 Record = Callable[..., Recorder]
 
@@ -77,6 +80,49 @@ def test_a_viewer_that_dies_does_not_stop_the_flight(record: Record, free_port: 
         viewer.wait()
     record(seconds=1.2, listeners=[live])
     live.close()
+
+
+MUTE = """
+import socket, sys, time
+from pathlib import Path
+from heli_twin.recording import Recorder, rerun_bridge
+from heli_twin.recording.layout import Scales
+import numpy as np
+from controllers.signals import Pose
+rerun_bridge.FAREWELL = 0.2
+mute = socket.create_server(("127.0.0.1", 0))
+began = time.monotonic()
+live = rerun_bridge.Live(rerun_bridge.Sink(port=mute.getsockname()[1]), Scales())
+with Recorder(listeners=[live]) as recorder:
+    for t in range(0, 200 * 10**9, 20_000_000):
+        recorder.pose(t, Pose(t, np.zeros(3), np.zeros(4)))
+live.close()
+print(len(recorder.log().pose.time), time.monotonic() - began)
+"""
+
+
+def test_a_viewer_that_hangs_holds_up_neither_the_flight_nor_the_end_of_the_program() -> None:
+    """It takes connections and says nothing; 200 s of flight are twice what waits for it."""
+    command, paths = [sys.executable, "-c", MUTE], {"PYTHONPATH": ":".join(sys.path)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True, env=paths)
+    recorded, seconds = done.stdout.split()
+    assert int(recorded) == 10_000
+    assert float(seconds) < 30
+    assert done.stderr.count("the viewer is too slow: its picture has gaps") == 1
+
+
+def test_a_viewer_follows_the_flight_to_its_end(record: Record) -> None:
+    with ExitStack() as stack:
+        try:
+            port, viewer = stack.enter_context(headless((300, 200)))
+        except LogError as error:
+            pytest.skip(str(error))
+        live = Live(Sink(port=port), SCALES)
+        record(seconds=2.3, listeners=[live])
+        live.close()
+        time.sleep(1)
+        (recording,) = viewer.get_state().recordings
+    assert [(line.name, line.start, line.end) for line in recording.timelines] == [("sim_time", 0, 2_300_000_000)]
 
 
 def _wait_for(port: int) -> None:

@@ -86,7 +86,8 @@ def test_a_killed_driver_goes_on_where_it_was(small, tmp_path):
         "from heli_twin.studies.study import study_of\n"
         "if __name__ == '__main__':\n"
         "    study = study_of(json.loads(Path(sys.argv[2], 'study.json').read_text()))\n"
-        "    run_study(study, Path(sys.argv[2], 'out'), backend=lambda p, t: embedded(p, t, 2), work=partial(hooks.noted, sys.argv[2] + '/seen'))\n"
+        "    run_study(study, Path(sys.argv[2], 'out'), backend=lambda p, t: embedded(p, t, 2),\n"
+        "              work=partial(hooks.noted, sys.argv[2] + '/seen'))\n"
     )
     script = tmp_path / "drive.py"
     script.write_text(program)

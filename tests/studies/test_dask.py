@@ -2,18 +2,15 @@ import os
 import signal
 import warnings
 
-import pytest
-
-distributed = pytest.importorskip("distributed")
-
 import hooks
+import pytest
 
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.columns import MEASURED
-from heli_twin.studies.dask_cluster import DaskCluster
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import study_of, study_tree
 
+distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 
@@ -27,6 +24,8 @@ def cluster():
 
 
 def on(cluster):
+    from heli_twin.studies.dask_cluster import DaskCluster
+
     return lambda plan, timeout: DaskCluster(cluster.scheduler_address, timeout)
 
 

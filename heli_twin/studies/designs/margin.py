@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class Margin:
     """Bisection on a graded criterion, for every axis, alternative, criterion and seed by itself.
 
-    First the axis is flown at evenly spaced values; between the last acceptable one and the next, bisection closes in. A
-    flight that failed is not acceptable by any criterion. `sustained.yaw = 0.07` means 4 deg of root mean square over
+    First the axis is flown at evenly spaced values; between the last acceptable one and the next, bisection closes in.
+    A flight that failed is not acceptable by any criterion. `sustained.yaw = 0.07` means 4 deg of root mean square over
     the worst second: a saturated loop cycles instead of diverging.
     """
 
@@ -81,7 +81,7 @@ class Margin:
 
 @dataclass(slots=True)
 class Search:
-    """One bisection: acceptable at `low`, not at `high`, both as shares of the axis; None where no such value is known."""
+    """One bisection: acceptable at `low`, not at `high`, as shares of the axis; None where no such value is known."""
 
     path: str
     alternative: str

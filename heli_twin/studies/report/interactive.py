@@ -196,9 +196,8 @@ def _y_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
     if any(isinstance(mark, Bars) for mark in panel.marks):
         return axis | {"autorange": "reversed", "automargin": True, "type": "category"}
     if names := _names(panel):
-        return axis | {
-            "tickvals": list(range(len(names))), "ticktext": list(names), "range": [len(names) - 0.4, -0.6], "automargin": True
-        }  # fmt: skip
+        ticks = {"tickvals": list(range(len(names))), "ticktext": list(names)}
+        return axis | ticks | {"range": [len(names) - 0.4, -0.6], "automargin": True}
     if edges := _edges(panel, 1):
         return axis | {"range": edges}
     return axis | ({"type": "log", "dtick": "D2"} if panel.y_log else {"rangemode": "tozero"})

@@ -46,7 +46,8 @@ def _waterfall(
 def _sentence(alternative: str, names: list[str], found: list[Interval], factor: float, unit: str) -> str:
     values = np.array([f.value for f in found])
     steps = np.diff(values)
-    text = f"{alternative}: from {number(values[0] * factor)} {unit} on '{names[0]}' to {number(values[-1] * factor)} {unit}"
+    first, last = number(values[0] * factor), number(values[-1] * factor)
+    text = f"{alternative}: from {first} {unit} on '{names[0]}' to {last} {unit} on '{names[-1]}'"
     if not np.isfinite(steps).any():
         return text
     most = int(np.nanargmax(np.abs(steps)))

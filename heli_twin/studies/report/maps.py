@@ -206,12 +206,14 @@ def _map_sentence(results: Results, found: dict[str, Any], also: str) -> str:
     shown = metric(results.study.score)
     facts = []
     for name, (mean, failure, _) in found.items():
-        lost = float((failure >= FAILURE).mean())
-        facts.append(
-            f"{name} fails in at least half of its flights on {100 * lost:.0f} % of the map, elsewhere its {shown.name} is "
-            f"{number(np.nanmin(mean)) if np.isfinite(mean).any() else '-'} to "
-            f"{number(np.nanmax(mean)) if np.isfinite(mean).any() else '-'} {shown.unit}"
+        lost = 100 * float((failure >= FAILURE).mean())
+        kept = mean[np.isfinite(mean) & (failure < FAILURE)]
+        span = (
+            f", elsewhere its {shown.name} is {number(kept.min())} to {number(kept.max())} {shown.unit}"
+            if len(kept)
+            else ""
         )
+        facts.append(f"{name} fails in half of its flights or more on {lost:.0f} % of the map{span}")
     return "; ".join(facts) + f" (black line: half of the flights fail; white: all of them{also})."
 
 

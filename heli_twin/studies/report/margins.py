@@ -13,7 +13,7 @@ from heli_twin.studies.report.words import Scale, field, metric, number
 
 
 def margins(results: Results) -> Iterator[Figure | Table]:
-    """The margin of each axis by each criterion, alternative by alternative: median over the seeds with its interval."""
+    """The margin of each axis by each criterion and alternative: median over the seeds with its interval."""
     design = results.study.design
     if not isinstance(design, Margin):
         return

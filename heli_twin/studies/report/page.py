@@ -95,9 +95,10 @@ section { margin: 2.5rem 0; break-inside: avoid; } h2 { margin: 0 0 .2rem; font-
 section > p { margin: .2rem 0 .6rem; max-width: 75ch; }
 .table { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; }
 th, td { text-align: left; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
-td:first-child { min-width: 9rem; } td { font-variant-numeric: tabular-nums; }
+td { min-width: 5.5rem; } td:first-child { min-width: 9rem; } td { font-variant-numeric: tabular-nums; }
 code { font-size: .85em; background: #f4f4f4; padding: .1em .3em; user-select: all; overflow-wrap: anywhere; }
-.tools { display: flex; gap: 1rem; justify-content: space-between; font-size: .85rem; min-height: 1.5em; max-width: none; }
+.tools { display: flex; gap: 1rem; justify-content: space-between; font-size: .85rem; min-height: 1.5em; }
+.tools { max-width: none; }
 @media print { nav, .tools { display: none; } body { max-width: none; } code { background: none; } }
 """
 

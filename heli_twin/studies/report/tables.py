@@ -7,8 +7,8 @@ from heli_twin.studies.report.results import Results
 from heli_twin.studies.worst import worst_runs
 
 TUNING = (
-    "Every controller sees the nominal model only, through its own `controller.model`; gains, trim and limits come from "
-    "there, never from the varied plant. All alternatives fly the same reference and the same seeds."
+    "Every controller sees the nominal model only, through its own `controller.model`; gains, trim and limits come "
+    "from there, never from the varied plant. All alternatives fly the same reference and the same seeds."
 )
 
 

@@ -25,10 +25,8 @@ def tornado(results: Results) -> Iterator[Figure]:
         )
         panels.append(Panel(alternative, f"{scale.label} (failures penalised)", "", _bars(mine, swings, base, place)))
         widest, path = swings[0]
-        sentences.append(
-            f"{alternative}: {path} matters most, {number(widest.min() * scale.factor)} to "
-            f"{number(widest.max() * scale.factor, 3)} {scale.unit} about the base's {number(center * scale.factor)} {scale.unit}"
-        )
+        low, high, middle = (number(value * scale.factor) for value in (widest.min(), widest.max(), center))
+        sentences.append(f"{alternative}: {path} matters most, {low} to {high} {scale.unit} on the base's {middle}")
     yield Figure("tornado", "One at a time", "; ".join(sentences) + ".", panels)
 
 
