@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 from io import BytesIO
 from pathlib import Path
@@ -179,6 +179,13 @@ def provenance() -> dict[str, str]:
     found["cpu"] = _cpu()
     found["processes"] = str(os.cpu_count())
     found["git_commit"] = _git_commit()
+    return found | _versions()
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """The packages that are loaded; looking them up takes as long as a fast flight of a second."""
+    found = {}
     for package in PACKAGES:
         try:
             found[f"version.{package}"] = version(package)
@@ -196,6 +203,7 @@ def _cpu() -> str:
     return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.processor())
 
 
+@cache
 def _git_commit() -> str:
     """The commit of the checkout this package runs from; empty outside one."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--match="]

@@ -62,8 +62,11 @@ class McapStream:
         self._counts: dict[int, int] = {}
         self._head = b""
         """Schemas and channels, to go in front of the messages of the next chunk."""
-        self._pending: list[tuple[int, int, bytes]] = []
-        """Channel, time and data of the messages of the chunk in progress."""
+        self._records: list[bytes] = []
+        """Header and data of the messages of the chunk in progress. Flat, because a tuple for each would set off
+        Python's garbage collector, which costs a flight more than all of the writing."""
+        self._index: dict[int, list[int]] = {}
+        """By channel, log time of one message after the other and its offset behind the head."""
         self._size = 0
         self._offset = self._crc = 0
         self._emit(MCAP0_MAGIC)
@@ -81,8 +84,13 @@ class McapStream:
 
     def message(self, channel: int, time: int, data: bytes) -> None:
         """Add a message, logged and published at `time` (ns)."""
-        self._pending.append((channel, time, data))
-        self._size += _MESSAGE.size + len(data)
+        size = len(data)
+        self._records += (_MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, channel, 0, time, time), data)
+        try:
+            self._index[channel] += (time, self._size)
+        except KeyError:
+            self._index[channel] = [time, self._size]
+        self._size += _MESSAGE.size + size
         if len(self._head) + self._size > self._chunk_size:
             self._end_chunk()
 
@@ -135,15 +143,16 @@ class McapStream:
         self._emit(summary + offsets + footer + struct.pack("<I", crc) + MCAP0_MAGIC)
 
     def _end_chunk(self) -> None:
-        if not self._pending:
+        if not self._records:
             return
-        records, index = self._message_records()
+        head, records = len(self._head), b"".join([self._head, *self._records])
         packed = self._compressor.compress(records)
-        times = [time for _, time, _ in self._pending]
-        start, end = min(times), max(times)
+        start = min(min(entry[::2]) for entry in self._index.values())
+        end = max(max(entry[::2]) for entry in self._index.values())
         chunk = _bytes(Chunk("zstd", packed, end, start, zlib.crc32(records), len(records)))
         offsets, indexes = {}, b""
-        for channel, entry in index.items():
+        for channel, entry in self._index.items():
+            entry[1::2] = [head + offset for offset in entry[1::2]]
             offsets[channel] = self._offset + len(chunk) + len(indexes)
             size = 8 * len(entry)
             indexes += struct.pack(f"<BQHI{len(entry)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *entry)
@@ -163,22 +172,8 @@ class McapStream:
                 uncompressed_size=len(records),
             )
         )
-        self._head, self._pending, self._size = b"", [], 0
+        self._head, self._records, self._index, self._size = b"", [], {}, 0
         self._emit(chunk + indexes)
-
-    def _message_records(self) -> tuple[bytes, dict[int, list[int]]]:
-        """The chunk in progress, and by channel the log time and offset of one message after the other."""
-        records, offset = [self._head], len(self._head)
-        index: dict[int, list[int]] = {}
-        for channel, time, data in self._pending:
-            entry = index.get(channel)
-            if entry is None:
-                entry = index[channel] = []
-            entry += (time, offset)
-            size = len(data)
-            records += (_MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, channel, 0, time, time), data)
-            offset += _MESSAGE.size + size
-        return b"".join(records), index
 
     def _emit(self, data: bytes) -> None:
         self._crc = zlib.crc32(data, self._crc)

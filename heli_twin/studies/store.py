@@ -17,6 +17,8 @@ SETTINGS = "CREATE TABLE IF NOT EXISTS settings (setting INTEGER PRIMARY KEY, ch
 FLIGHTS = '"id" TEXT PRIMARY KEY, "outcome" TEXT, "score_" REAL, "trouble_" INTEGER, "outcome_text" TEXT'
 RUNS = '"n" INTEGER PRIMARY KEY, "id" TEXT, "setting" INTEGER, "alternative" TEXT, "point" INTEGER, "seed" INTEGER'
 INDEXES = ("CREATE INDEX IF NOT EXISTS scores ON flights (score_)", "CREATE INDEX IF NOT EXISTS ids ON runs (id)")
+FORMAT = 1
+"""Of the file; raised when an older one cannot be read any more."""
 BLOCK = 1000
 OURS = ("n", "setting", "score_", "trouble_")
 """Columns that are nobody else's business."""
@@ -37,7 +39,9 @@ class Store:
         self._lock = _lock(folder) if write else None
         try:
             self._db = sqlite3.connect(self.path, isolation_level=None)
+            self._check_format()
             if write:
+                self._db.execute(f"PRAGMA user_version={FORMAT}")
                 self._db.execute("PRAGMA journal_mode=WAL")
                 self._db.execute("PRAGMA synchronous=NORMAL")
             self._runs, self._flights = WideTable(self._db, "runs", RUNS), WideTable(self._db, "flights", FLIGHTS)
@@ -48,6 +52,13 @@ class Store:
                 self._flights.create()
         except sqlite3.DatabaseError as error:
             raise StudyError(f"{self.path} cannot be used ({error}): move it away, or give another --out") from None
+
+    def _check_format(self) -> None:
+        """An empty file is new; anything else has to be ours, and of this version."""
+        (version,) = self._db.execute("PRAGMA user_version").fetchone()
+        (tables,) = self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        if tables and version != FORMAT:
+            raise StudyError(f"{self.path} was written by another version: move it away, or give another --out")
 
     def begin(self, about: Mapping[str, Any]) -> None:
         """A new launch: what it asks for is written anew, what was flown stays."""

@@ -1,5 +1,7 @@
 """Pictures: the same live and replayed, and never in the way of a flight."""
 
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -65,18 +67,21 @@ def test_a_missing_viewer_does_not_stop_the_flight(record: Record, free_port: in
     live.close()
 
 
-def test_a_viewer_that_dies_does_not_stop_the_flight(record: Record, free_port: int) -> None:
+def test_a_viewer_that_dies_does_not_stop_the_flight(record: Record, free_port: int, tmp_path: Path) -> None:
     viewer = subprocess.Popen(
         [RERUN, "--serve-grpc", "--bind", "127.0.0.1", "--port", str(free_port)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        # What is killed leaves its cache behind.
+        env=os.environ | {"TMPDIR": str(tmp_path)},
+        start_new_session=True,
     )
     try:
         _wait_for(free_port)
         live = Live(Sink(port=free_port), SCALES)
         record(seconds=0.8, listeners=[live])
     finally:
-        viewer.kill()
+        os.killpg(viewer.pid, signal.SIGKILL)
         viewer.wait()
     record(seconds=1.2, listeners=[live])
     live.close()

@@ -1,6 +1,7 @@
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -162,3 +163,19 @@ def test_a_real_flight_has_all_its_columns(small, tmp_path):
     from heli_twin.recording import read_log
 
     assert read_log(log).digest == row["digest"]
+
+
+def test_results_of_another_version_are_told_not_misread(small, tmp_path):
+    run(small, tmp_path)
+    db = sqlite3.connect(tmp_path / "results.sqlite")
+    db.execute("PRAGMA user_version=99")
+    db.close()
+    for use in (lambda: run(small, tmp_path), lambda: worst_runs(tmp_path)):
+        with pytest.raises(StudyError, match="another version"):
+            use()
+
+
+def test_a_file_that_is_no_database_is_told(small, tmp_path):
+    (tmp_path / "results.sqlite").write_text("these are not the results you are looking for" * 100)
+    with pytest.raises(StudyError, match="cannot be used"):
+        run(small, tmp_path)
