@@ -16,10 +16,11 @@ from heli_twin.errors import HeliTwinError
 from heli_twin.identification import Identified
 from heli_twin.identification_fit import AxisFit, Parameter
 from heli_twin.paper import write_paper
-from heli_twin.paper_causes import causes, feedback_gains
+from heli_twin.paper_causes import causes
 from heli_twin.paper_claims import claims, timing_claims
 from heli_twin.paper_figures import figures
 from heli_twin.paper_flights import CASES, Flights
+from heli_twin.paper_gains import feedback_gains
 from heli_twin.paper_page import flown_table
 from heli_twin.paper_verdicts import all_of, apart, below, exact, explains, smaller, within
 from heli_twin.recording.log import Timings
@@ -110,6 +111,7 @@ def pretended(folder=None, **worse):
             row = {f"max_abs_error.{axis}": 0.02 * rng.uniform(0.9, 1.1) for axis in AXES}
             row |= {f"mse.{axis}": 1e-4 * rng.uniform(0.9, 1.1) for axis in (*AXES, "position")}
             row |= {"rms.u_yaw": 0.05 * rng.uniform(0.9, 1.1), "step.u_yaw": 0.05 * rng.uniform(0.9, 1.1)}
+            row |= {"bias.yaw": 0.001, "spread.yaw": 0.002}
             row |= {"mean.u_x": -0.05 * rng.uniform(0.9, 1.1), "mean.u_y": -0.02 * rng.uniform(0.9, 1.1)}
             rows[name].append(
                 {key: worse.get(name, 1.0) * value for key, value in row.items()} | {"outcome": "completed"}

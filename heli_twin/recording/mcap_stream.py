@@ -30,8 +30,8 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-LEVEL = 1
-"""Of zstd's compression: a third faster than its default and 2 % larger."""
+LEVEL = -2
+"""Of zstd's compression: half the time of its default and 7 % larger, for most of a flight is noise."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS = _MESSAGE.size - 9
@@ -63,8 +63,7 @@ class McapStream:
         self._head = b""
         """Schemas and channels, to go in front of the messages of the next chunk."""
         self._records: list[bytes] = []
-        """Header and data of the messages of the chunk in progress. Flat, because a tuple for each would set off
-        Python's garbage collector, which costs a flight more than all of the writing."""
+        """Header and data of one message of the chunk in progress after the other."""
         self._index: dict[int, list[int]] = {}
         """By channel, log time of one message after the other and its offset behind the head."""
         self._size = 0
@@ -82,10 +81,11 @@ class McapStream:
         self._head += _bytes(self._channels[-1])
         return len(self._channels)
 
-    def message(self, channel: int, time: int, data: bytes) -> None:
-        """Add a message, logged and published at `time` (ns)."""
+    def message(self, channel: int, time: int, data: bytes) -> bytes:
+        """Add a message, logged and published at `time` (ns); returns what goes in front of its data."""
         size = len(data)
-        self._records += (_MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, channel, 0, time, time), data)
+        header = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, channel, 0, time, time)
+        self._records += (header, data)
         try:
             self._index[channel] += (time, self._size)
         except KeyError:
@@ -93,6 +93,7 @@ class McapStream:
         self._size += _MESSAGE.size + size
         if len(self._head) + self._size > self._chunk_size:
             self._end_chunk()
+        return header
 
     def metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write key-value text."""

@@ -1,7 +1,6 @@
 """The recorder: every wire of the flight, as it happens, into one MCAP file."""
 
 import hashlib
-import struct
 from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -45,8 +44,6 @@ LIBRARY = "heli_twin"
 Listener = Callable[[str, int, bytes], None]
 """Takes the topic, log time (ns) and bytes of every message at once; must neither block nor raise."""
 
-_HEADER = struct.Struct("<qI")
-
 
 class Recorder:
     """Writes one flight, wire by wire; a method for each, its first argument the simulated time in ns.
@@ -82,6 +79,7 @@ class Recorder:
         self._time = 0
         self._flush_due = FLUSH_PERIOD
         self._hash = hashlib.sha256(experiment.encode())
+        self._unhashed: list[bytes] = []
         self._file: LogFile | BytesIO = BytesIO() if path is None else LogFile(path)
         self._mcap = McapStream(self._file, library=LIBRARY, chunk_size=CHUNK_SIZE)
         self._mcap.metadata("heli_twin", {"format": str(FORMAT)})
@@ -92,7 +90,7 @@ class Recorder:
         if isinstance(self._file, LogFile) and self._file.trouble:
             self._file.discard()
             raise LogError(f"the log {path} cannot be written: make room or record to another folder")
-        self._channels = {topic.name: (self._mcap.channel(*topic), topic.name.encode() + b"\0") for topic in TOPICS}
+        self._channels = {topic.name: self._mcap.channel(*topic) for topic in TOPICS}
         self._pack = {topic: layout.packer() for topic, layout in LAYOUTS.items()}
         self._pack_plan: Pack | None = None
         self._viewers = Viewers(self._write)
@@ -100,8 +98,9 @@ class Recorder:
 
     def truth(self, t: int, truth: Truth) -> None:
         """What the helicopter does."""
-        self._write("/truth", t, self._pack["/truth"](truth))
-        self._viewers.truth(t, truth)
+        data = self._pack["/truth"](truth)
+        self._write("/truth", t, data)
+        self._viewers.truth(t, data)
 
     def pose(self, t: int, pose: Pose) -> None:
         """What the motion capture says, at its arrival."""
@@ -113,9 +112,9 @@ class Recorder:
 
     def reference(self, t: int, reference: Reference) -> None:
         """Where the helicopter should be: the first row of the planned flight."""
-        now = (reference.stamp, reference.x[0], reference.u[0])
-        self._write("/reference", t, self._pack["/reference"](now))
-        self._viewers.reference(reference)
+        data = self._pack["/reference"]((reference.stamp, reference.x[0], reference.u[0]))
+        self._write("/reference", t, data)
+        self._viewers.reference(data)
 
     def reference_path(self, t: int, points: Array) -> None:
         """The whole path to fly, (n, 3) world, m, for the eye; once, or again when it changes."""
@@ -123,8 +122,9 @@ class Recorder:
 
     def sent(self, t: int, command: Command) -> None:
         """What the controller asks for; its plan and report are wires of their own."""
-        self._write("/command/sent", t, self._pack["/command/sent"](command[:2]))
-        self._viewers.sent(t, command.u)
+        data = self._pack["/command/sent"](command[:2])
+        self._write("/command/sent", t, data)
+        self._viewers.sent(t, data)
 
     def acting(self, t: int, u: Array, stamp: int = -1) -> None:
         """The input (4,) in force at the helicopter from now on, and when it was decided (-1: by no controller)."""
@@ -135,8 +135,9 @@ class Recorder:
         if self._pack_plan is None:
             self._pack_plan = plan_layout(len(plan.u)).packer()
         with np.errstate(over="ignore"):
-            self._write("/mpc/plan", t, self._pack_plan(plan))
-            self._viewers.plan(t, plan)
+            data = self._pack_plan(plan)
+        self._write("/mpc/plan", t, data)
+        self._viewers.plan(t, data, len(plan.u))
 
     def qp(self, t: int, report: QpReport) -> None:
         """How the control problem was solved."""
@@ -160,6 +161,7 @@ class Recorder:
     @property
     def digest(self) -> str:
         """SHA-256 of the experiment and every message so far but the measured times."""
+        self._digest()
         return self._hash.hexdigest()
 
     def close(self, outcome: str, t: int, **ending: str) -> None:
@@ -173,7 +175,7 @@ class Recorder:
         if self._closed:
             return
         self._closed = True
-        self._mcap.flush()
+        self._flush()
         ends = {"outcome": outcome, "time": str(t), "digest": self.digest, **ending}
         self._mcap.metadata("end", sealed(ends))
         self._mcap.finish()
@@ -206,13 +208,22 @@ class Recorder:
         self.close("aborted", self._time, error=repr(error) if error else "")
 
     def _write(self, topic: str, t: int, data: bytes) -> None:
-        channel, prefix = self._channels[topic]
         if t >= self._flush_due:
             self._flush_due = (t // FLUSH_PERIOD + 1) * FLUSH_PERIOD
-            self._mcap.flush()
-        self._mcap.message(channel, t, data)
+            self._flush()
+        header = self._mcap.message(self._channels[topic], t, data)
         if topic != TIMING:
-            self._hash.update(prefix + _HEADER.pack(t, len(data)) + data)
+            self._unhashed += (header, data)
         for listener in self.listeners:
             listener(topic, t, data)
         self._time = t
+
+    def _flush(self) -> None:
+        """Work that is cheaper for many messages at once, and the write to the file."""
+        self._viewers.flush()
+        self._digest()
+        self._mcap.flush()
+
+    def _digest(self) -> None:
+        self._hash.update(b"".join(self._unhashed))
+        self._unhashed.clear()
