@@ -7,6 +7,7 @@ one machine; when a whole worker is lost, Dask flies its runs elsewhere.
 import multiprocessing
 from concurrent.futures import Future
 from pathlib import Path
+from time import sleep
 from typing import Any
 from uuid import uuid4
 
@@ -19,6 +20,8 @@ from heli_twin.studies.work import Flown, Task
 
 WAIT = "20s"
 """How long to look for a scheduler."""
+TRIES = 5
+"""How often to speak to all workers at once, of which any may be dying."""
 
 
 class DaskCluster:
@@ -38,8 +41,21 @@ class DaskCluster:
                 f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
             ) from None
         self._name = f"heli_twin-{uuid4().hex[:8]}"
-        self._client.register_plugin(Processes(timeout), name=self._name)
+        self._prepare(Processes(timeout))
         self._executor = self._client.get_executor(pure=False)
+
+    def _prepare(self, plugin: "Processes") -> None:
+        """Give every worker its processes; one that dies on the way does not stop the others."""
+        for left in reversed(range(TRIES)):
+            try:
+                self._client.register_plugin(plugin, name=self._name)
+                return
+            except OSError as error:
+                if not left:
+                    raise StudyError(
+                        f"the Dask cluster does not hold still ({error}): look at its workers' logs"
+                    ) from None
+                sleep(1.0)
 
     def workers(self) -> int:
         """One run a thread of each Dask worker, as many as there are now."""

@@ -73,12 +73,22 @@ def _panel(axes: "Axes", panel: Panel) -> None:
     if any(isinstance(mark, Heat | Bars | Dots) for mark in panel.marks):
         axes.grid(False)
         if dots and panel.x_log:
-            axes.set_xscale("log")
+            _log_scale(axes)
         return
     axes.set_xscale("log" if panel.x_log else "linear")
     axes.set_yscale("log" if panel.y_log else "linear")
     if not panel.y_log and axes.get_ylim()[0] > 0:
         axes.set_ylim(bottom=0)
+
+
+def _log_scale(axes: "Axes") -> None:
+    """A logarithmic x axis that has numbers even where it is shorter than a decade."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _curve(axes: "Axes", mark: Curve) -> None:
@@ -112,7 +122,9 @@ def _dots(axes: "Axes", mark: Dots, offset: float) -> None:
         mark.value, y, xerr=error, fmt="o", color=color(mark.color), label=mark.label, elinewidth=1, capsize=2
     )
     for x, place, text in zip(mark.value, y, mark.texts, strict=False):
-        axes.annotate(text, (x, place), xytext=(0, 4), textcoords="offset points", ha="center", fontsize=6)
+        axes.annotate(
+            text.partition(" [")[0], (x, place), xytext=(0, 4), textcoords="offset points", ha="center", fontsize=6
+        )
     axes.set_yticks(range(len(mark.names)), mark.names)
     axes.set_ylim(len(mark.names) - 0.4, -0.6)
 

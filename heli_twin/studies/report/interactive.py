@@ -103,12 +103,10 @@ def _dots(panel: Panel, mark: Dots) -> Trace:
     trace["hovertext"] = [f"{mark.label}, {name}: {text}" for name, text in zip(mark.names, texts, strict=True)]
     trace["hoverinfo"] = "text"
     if mark.texts:
-        trace |= {
-            "mode": "markers+text",
-            "text": list(mark.texts),
-            "textposition": "top center",
-            "textfont": {"size": 11},
-        }
+        # The interval is drawn already.
+        short = [text.partition(" [")[0] for text in mark.texts]
+        trace |= {"mode": "markers+text", "cliponaxis": False, "text": short}
+        trace |= {"textposition": "top center", "textfont": {"size": 11}}
     return _with_commands(trace, mark.commands)
 
 
