@@ -8,11 +8,12 @@ from pathlib import Path
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.identification import Identified, identify
-from heli_twin.paper_causes import causes, gains_table
+from heli_twin.paper_causes import causes
 from heli_twin.paper_claims import claims, parameter_rows, timing_claims
 from heli_twin.paper_curves import Shown, times_figure
 from heli_twin.paper_figures import figures
 from heli_twin.paper_flights import CASES, Flights, fly_all, identification_tasks, tasks
+from heli_twin.paper_gains import gains_table
 from heli_twin.paper_page import Section, claims_section, figure_section, flown_table, page, table_section
 from heli_twin.paper_verdicts import Claim
 from heli_twin.recording import read_log
@@ -135,7 +136,7 @@ def parameters_table(out: Path, found: Identified) -> Table:
     ]
     sentence = (
         f"From {found.seconds:.0f} s of {len(found.logs)} flights of doublets: "
-        f"`heli-twin identify {out / 'logs'}/identify-*.mcap` fits them again."
+        f"heli-twin identify {out / 'logs'}/identify-*.mcap fits them again."
     )
     return Table("Identified parameters", sentence, ["", "paper (27)", "ours, with 95 % interval", "verdict"], rows)
 

@@ -1,24 +1,15 @@
 """Why the comparison comes out as it does: each suspected cause is taken away, and the effect measured again."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
-from controllers.laws import ControlLaw
-from controllers.reference import ReferencePreview
-from controllers.signals import Array, Estimate
-from controllers.trajectories.hover import Hover
-from heli_twin.chance import nanoseconds
 from heli_twin.paper_claims import CM, largest
 from heli_twin.paper_comparison import DEGREES
-from heli_twin.paper_flights import CASES, WEAK, Flights, weak
+from heli_twin.paper_flights import WEAK, Flights, weak
 from heli_twin.paper_verdicts import explains
 from heli_twin.studies.report.figure import Table
 from heli_twin.studies.report.words import number
-
-NUDGE = 1e-3
-"""m, rad, m/s and rad/s: small enough that no limit binds."""
-COMPARED = ("circle", "circle_riccati", "circle_free", "circle_flat", "circle_flat_zn")
 
 
 def causes(flights: Flights) -> Table:
@@ -26,7 +17,9 @@ def causes(flights: Flights) -> Table:
     rows: list[list[str]] = []
     plane = partial_gap(flights, _plane, CM, "cm")
     effect = "MPC errs more in the plane than PID with the same reference inputs, rms"
+    lags = "PID by feedback only errs more in the plane than MPC, rms"
     rows += [
+        plane(lags, "it is not told the planned inputs", ("circle_pid", "circle"), ("circle_flat", "circle")),
         plane(
             effect,
             "roll-forward carries the PID's gains",
@@ -83,35 +76,3 @@ def _simulated(flights: Flights) -> list[str]:
     )
     cells = [f"{number(with_it)} cm", f"{number(without)} cm", explains(with_it, without)]
     return ["The simulated circle is off by centimetres, largest", "poses 40 ms old, taken for new", *cells]
-
-
-def feedback_gains(law: ControlLaw) -> Array:
-    """How a controller in hover answers errors of x y z yaw (rows) in position and in velocity (columns).
-
-    Returns:
-        (4, 2) change of the axis' own input for each unit of error, stick per m, rad, m/s or rad/s.
-    """
-    hover = ReferencePreview(Hover(), law.model, nanoseconds(law.period), 0)(0, law.steps)
-
-    def answer(offset: Array) -> Array:
-        unknown = np.zeros((4, 3))
-        return law.start().step(0, Estimate(0, hover.x[0] + offset, np.zeros(4), unknown, 0, 0), hover).u
-
-    rest = answer(np.zeros(8))
-    gains = [(rest - answer(NUDGE * nudge)) / NUDGE for nudge in np.eye(8)]
-    return np.array([[gains[axis][axis], gains[axis + 4][axis]] for axis in range(4)])
-
-
-def gains_table() -> Table:
-    """What each controller of the comparison makes of an error at this moment."""
-    rows = [[CASES[case].label, *_gains(CASES[case].experiment(0, 1.0).controller)] for case in COMPARED]
-    sentence = (
-        "Stick per metre or radian of error, and per m/s or rad/s, asked of each controller in hover: "
-        "horizon, weights and terminal weight of an MPC come down to these. Integrals come on top."
-    )
-    return Table("Gains of the controllers", sentence, ["", "x", "y", "z", "yaw"], rows)
-
-
-def _gains(law: ControlLaw) -> Iterator[str]:
-    for p, d in feedback_gains(law):
-        yield f"{p:.2f}, {d:.2f}"

@@ -98,7 +98,11 @@ def _maxima(flights: Flights, case: str, paper: tuple[float, float], text: str) 
 
 def _heading(flights: Flights, case: str, text: str) -> Claim:
     yaw = largest(flights, case, "yaw")
-    why = f"The paper prints no number; below {DEGREES * LITTLE:g} deg at all times is taken for it."
+    bias, spread = (DEGREES * float(flights.values(case, f"{name}.yaw").mean()) for name in ("bias", "spread"))
+    why = (
+        f"The paper prints no number; below {DEGREES * LITTLE:g} deg at all times is taken for it. "
+        f"On average {bias:.2f} deg off, with a scatter of {spread:.2f} deg in flight."
+    )
     claim = Claim(text, "very well", interval(yaw, DEGREES, "deg"), below(yaw, LITTLE), why)
     return judged(flights, [case], claim)
 

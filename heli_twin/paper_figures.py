@@ -57,7 +57,7 @@ def _average_errors(flights: Flights) -> Shown:
     for state in ("x", "y", "z", "yaw"):
         scale = metric(f"mse.{state}")
         dots = _beside(labels, [""], [_dots(flights, [case], f"mse.{state}", scale.factor) for case in cases])
-        panels.append(Panel(state, f"mean squared error, {scale.unit}, logarithmic", "", dots, x_log=True))
+        panels.append(Panel(state, f"mean squared error, {scale.unit}", "", dots, x_log=True))
     seeds = len(flights.rows["circle"])
     sentence = f"The circle, nose along the path: mean over {seeds} shared seeds with its 95 % interval."
     return Shown(Figure("fig6", "Fig. 6: average squared error per state", sentence, panels), cases)
@@ -68,10 +68,9 @@ def _what_it_takes(flights: Flights) -> Shown:
         *("circle", "circle_free", "circle_riccati", "circle_both"),
         *("circle_flat", "circle_flat_unrolled", "circle_flat_zn", "circle_pid"),
     )
-    panels = [
-        Panel(axis, "rms error, cm, logarithmic", "", [_dots(flights, cases, f"mse.{axis}", CM, np.sqrt)], x_log=True)
-        for axis in "xy"
-    ]
+    names = [CASES[case].label for case in cases]
+    dots = [_dots(flights, cases, f"mse.{axis}", CM, np.sqrt) for axis in "xy"]
+    panels = [Panel("", "rms error, cm", "", _beside("xy", names, dots), x_log=True)]
     sentence = (
         "The circle: what makes either controller better or worse in the plane; mean over seeds with its interval."
     )
@@ -81,10 +80,10 @@ def _what_it_takes(flights: Flights) -> Shown:
 def _heading(flights: Flights) -> Shown:
     cases = ("circle", "circle_exact", "circle_flat", "circle_flat_exact", "fixed", "fixed_pid", "circle_pid")
     panels = [
-        Panel(title, f"{label}, logarithmic", "", [_dots(flights, cases, name, factor, of)], x_log=True)
+        Panel(title, label, "", [_dots(flights, cases, name, factor, of)], x_log=True)
         for title, label, name, factor, of in (
             ("heading", "rms error, deg", "mse.yaw", DEGREES, np.sqrt),
-            ("u_yaw", "rms change per control step, stick", "step.u_yaw", 1.0, np.asarray),
+            ("u_yaw", "rms change a step, % of stick", "step.u_yaw", 100.0, np.asarray),
         )
     ]
     sentence = "Where heading errors come from; with exact orientation the cameras' orientation noise is off."
@@ -101,7 +100,7 @@ def _height(flights: Flights) -> Shown:
         time, error = error_of(flights.log(case))
         curves.append(Curve(label, time, error[:, 2], style="steps", color=place))
     panels = [
-        Panel("thrust gain", "rms error in z, cm, logarithmic", "", _beside(labels, names, dots), x_log=True),
+        Panel("thrust gain", "rms error in z, cm", "", _beside(labels, names, dots), x_log=True),
         Panel(f"{names[-1]}, first seed", TIME, "error in z (cm)", curves),
     ]
     sentence = "Without an integral in z, a thrust that is weaker than believed becomes a height that is too low."
@@ -112,8 +111,8 @@ def _coupling(flights: Flights) -> Shown:
     pairs, labels = (("circle", "turning"), ("circle_full", "turning_full")), ("coupling removed", "full coupling")
     panels: list[Panel] = []
     for title, name, label, factor, of in (
-        ("u_yaw", "rms.u_yaw", "rms, stick", 1.0, np.asarray),
-        ("u_yaw", "step.u_yaw", "rms change per control step, stick", 1.0, np.asarray),
+        ("u_yaw", "rms.u_yaw", "rms, % of stick", 100.0, np.asarray),
+        ("u_yaw", "step.u_yaw", "rms change a step, % of stick", 100.0, np.asarray),
         ("position", "mse.position", "rms error, cm", CM, np.sqrt),
         ("heading", "mse.yaw", "rms error, deg", DEGREES, np.sqrt),
     ):

@@ -62,7 +62,7 @@ def flown_table(flights: Flights, seeds: int, duration: float) -> Table:
     """Everything that was flown, its errors, and the command that flies the first flight of each."""
     rows: list[list[str]] = []
     for name, found in flights.rows.items():
-        errors = [number(CM * flights.rms(name, axis)) for axis in "xyz"] + [number(DEGREES * flights.rms(name, "yaw"))]
+        errors = [_short(CM * flights.rms(name, axis)) for axis in "xyz"] + [_short(DEGREES * flights.rms(name, "yaw"))]
         completed = f"{len(found) - flights.failed(name)} of {len(found)}"
         rows.append([CASES[name].label, completed, *errors, CASES[name].command(duration)])
     sentence = (
@@ -71,6 +71,11 @@ def flown_table(flights: Flights, seeds: int, duration: float) -> Table:
     )
     header = ["", "completed", "x, cm", "y, cm", "z, cm", "yaw, deg", "command of the first flight"]
     return Table("What was flown", sentence, header, rows, codes=(6,))
+
+
+def _short(value: float) -> str:
+    """What is too small to matter is nothing."""
+    return number(round(value, 4))
 
 
 def page(question: str, sections: Sequence[Section]) -> str:

@@ -83,13 +83,16 @@ def all_of(verdicts: Iterable[Verdict]) -> Verdict:
     return min(verdicts, key=order.index)
 
 
-def in_words(difference: Interval) -> str:
-    """What a paired difference says of the first."""
+def in_words(difference: Interval, other: Array) -> str:
+    """What a paired difference from the values of another one says, by the rule of `smaller`."""
     if not _known(difference):
         return "one seed says nothing of the scatter"
     if difference.low <= 0.0 <= difference.high:
         return "undecided, the interval holds zero"
-    return "smaller" if difference.high < 0.0 else "larger"
+    if difference.low > 0.0:
+        return "larger"
+    share = SIGNIFICANT * float(np.nanmean(other))
+    return "smaller" if difference.high < -share else f"smaller, but not surely by {100 * SIGNIFICANT:g} %"
 
 
 def explains(effect: float, without: float) -> str:
