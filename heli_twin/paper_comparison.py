@@ -105,9 +105,8 @@ def _activity(flights: Flights, where: str, removed: str, full: str) -> Claim:
     level = [float(flights.values(case, "rms.u_yaw").mean()) for case in (removed, full)]
     ours = f"step {number(float(a.mean()))} against {number(float(b.mean()))}, difference {interval(difference)}"
     why = (
-        f"Change of u_yaw per control step, rms: {in_words(difference, b)}, "
-        f"by {number(100 * abs(difference.value) / float(b.mean()), 2)} %; "
-        f"rms of u_yaw itself {level[0]:.4f} against {level[1]:.4f}."
+        f"Change of u_yaw per control step, rms, {number(100 * difference.value / float(b.mean()), 2)} % from full "
+        f"to removed coupling: {in_words(difference, b)}; rms of u_yaw itself {level[0]:.4f} against {level[1]:.4f}."
     )
     claim = Claim(f"Coupling removed: less actuation of the yaw, {where}", "less", ours, verdict, why)
     return judged(flights, (removed, full), claim)

@@ -121,15 +121,13 @@ def times_figure(timing: Timings) -> Figure:
     """Distribution of the measured times of one flight: different every time."""
     shares = np.linspace(0.0, 100.0, 401)
     curves: list[Curve] = []
-    for place, (label, ns) in enumerate(
-        (("QP solve", timing.solve_ns), ("whole control step", timing.control_step_ns))
-    ):
+    for place, (label, ns) in enumerate((("solve", timing.solve_ns), ("whole step", timing.control_step_ns))):
         curves.append(
             Curve(label, np.percentile(1e-6 * ns, shares).astype(np.float64), shares, style="steps", color=place)
         )
     for limit in SOLVE_MS:
         ends = np.full(2, limit)
-        curves.append(Curve("the paper's solve", ends, np.array([0.0, 100.0]), style="dashes", color=7))
+        curves.append(Curve("paper", ends, np.array([0.0, 100.0]), style="dashes", color=7))
     panel = Panel("", "ms", "% of steps below", curves, x_log=True)
-    sentence = "Of one flight flown alone on this host; the figure differs from run to run."
+    sentence = "QP solve and whole control step of one flight on this host, measured anew each time; dashed, the paper's."
     return Figure("solve-times", "Distribution of the computing times", sentence, [panel])

@@ -68,13 +68,12 @@ def _what_it_takes(flights: Flights) -> Shown:
         *("circle", "circle_free", "circle_riccati", "circle_both"),
         *("circle_flat", "circle_flat_unrolled", "circle_flat_zn", "circle_pid"),
     )
-    names = [CASES[case].label for case in cases]
-    dots = [_dots(flights, cases, f"mse.{axis}", CM, np.sqrt) for axis in "xy"]
-    panels = [Panel("", "rms error, cm", "", _beside("xy", names, dots), x_log=True)]
+    dots = _dots(flights, cases, "mse.position", CM, np.sqrt)
+    panels = [Panel("", "rms position error, cm", "", [dots], x_log=True)]
     sentence = (
         "The circle: what makes either controller better or worse in the plane; mean over seeds with its interval."
     )
-    return Shown(Figure("what-it-takes", "What it takes in x and y", sentence, panels), cases)
+    return Shown(Figure("what-it-takes", "What it takes on the circle", sentence, panels), cases)
 
 
 def _heading(flights: Flights) -> Shown:
@@ -83,10 +82,12 @@ def _heading(flights: Flights) -> Shown:
         Panel(title, label, "", [_dots(flights, cases, name, factor, of)], x_log=True)
         for title, label, name, factor, of in (
             ("heading", "rms error, deg", "mse.yaw", DEGREES, np.sqrt),
-            ("u_yaw", "rms change a step, % of stick", "step.u_yaw", 100.0, np.asarray),
+            ("u_yaw", "rms step, % of stick", "step.u_yaw", 100.0, np.asarray),
         )
     ]
-    sentence = "Where heading errors come from; with exact orientation the cameras' orientation noise is off."
+    sentence = (
+        "Heading errors, and changes of u_yaw per control step; with exact orientation the cameras' noise in it is off."
+    )
     return Shown(Figure("heading", "Heading", sentence, panels), cases)
 
 

@@ -77,7 +77,7 @@ CASES = {
     "circle_exact": Case("MPC, exact orientation", ("mocap.orientation_noise=0",)),
     "circle_riccati": Case("MPC, Riccati terminal weight", ("controller.terminal=riccati",)),
     "circle_free": Case("MPC, offset-free", ("controller.offset_free=all",)),
-    "circle_both": Case("MPC, both", ("controller.terminal=riccati", "controller.offset_free=all")),
+    "circle_both": Case("MPC, Riccati and offset-free", ("controller.terminal=riccati", "controller.offset_free=all")),
     "circle_full": Case("MPC, full coupling", ("controller.coupling=full",)),
     "fixed": Case("MPC, nose north", ("trajectory.heading=fixed",)),
     "fixed_pid": Case("PID, feedback only, nose north", (*PID, "trajectory.heading=fixed")),
