@@ -129,5 +129,7 @@ def times_figure(timing: Timings) -> Figure:
         ends = np.full(2, limit)
         curves.append(Curve("paper", ends, np.array([0.0, 100.0]), style="dashes", color=7))
     panel = Panel("", "ms", "% of steps below", curves, x_log=True)
-    sentence = "QP solve and whole control step of one flight on this host, measured anew each time; dashed, the paper's."
+    sentence = (
+        "QP solve and whole control step of one flight on this host, measured anew each time; dashed, the paper's."
+    )
     return Figure("solve-times", "Distribution of the computing times", sentence, [panel])
