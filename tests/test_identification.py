@@ -11,11 +11,11 @@ from controllers.trajectories.doublets import Doublets
 from controllers.trajectories.hover import Hover
 from heli_twin.cli import main
 from heli_twin.configuration import load
-from heli_twin.identification import identify
-from heli_twin.identification_data import GAP, stretches
-from heli_twin.identification_figure import residual_figures
-from heli_twin.identification_fit import MEMORY, IdentificationError, half_widths
-from heli_twin.identification_flights import HEIGHT_AND_YAW, PLANE, experiments, fly_them
+from heli_twin.identification.data import GAP, stretches
+from heli_twin.identification.figure import residual_figures
+from heli_twin.identification.fit import MEMORY, IdentificationError, half_widths
+from heli_twin.identification.flights import HEIGHT_AND_YAW, PLANE, experiments, fly_them
+from heli_twin.identification.identify import identify
 from heli_twin.mission import fly
 from heli_twin.studies.report.drawing import write_svg
 

@@ -13,16 +13,16 @@ from controllers.laws.pid import Pid
 from controllers.model import Model
 from heli_twin.configuration import load
 from heli_twin.errors import HeliTwinError
-from heli_twin.identification import Identified
-from heli_twin.identification_fit import AxisFit, Parameter
-from heli_twin.paper import write_paper
-from heli_twin.paper_causes import causes
-from heli_twin.paper_claims import claims, timing_claims
-from heli_twin.paper_figures import figures
-from heli_twin.paper_flights import CASES, Flights
-from heli_twin.paper_gains import feedback_gains
-from heli_twin.paper_page import flown_table
-from heli_twin.paper_verdicts import all_of, apart, below, exact, explains, smaller, within
+from heli_twin.identification.fit import AxisFit, Parameter
+from heli_twin.identification.identify import Identified
+from heli_twin.paper.causes import causes
+from heli_twin.paper.claims import claims, timing_claims
+from heli_twin.paper.figures import figures
+from heli_twin.paper.flights import CASES, Flights
+from heli_twin.paper.gains import feedback_gains
+from heli_twin.paper.page import flown_table
+from heli_twin.paper.verdicts import all_of, apart, below, exact, explains, smaller, within
+from heli_twin.paper.write import write_paper
 from heli_twin.recording.log import Timings
 from heli_twin.studies.inference import Interval
 from heli_twin.studies.report.drawing import write_svg

@@ -10,7 +10,7 @@ from heli_twin.commands import command
 from heli_twin.errors import HeliTwinError
 
 if TYPE_CHECKING:
-    from heli_twin.identification import Identified
+    from heli_twin.identification.identify import Identified
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -45,7 +45,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Identify, print, save."""
-    from heli_twin.identification import identify
+    from heli_twin.identification.identify import identify
     from heli_twin.recording import read_log
 
     words: list[str] = parsed.what
@@ -68,7 +68,7 @@ def _flown(words: list[str], folder: Path) -> list[Path]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from heli_twin.configuration import load
-    from heli_twin.identification_flights import experiments, fly_them
+    from heli_twin.identification.flights import experiments, fly_them
 
     source = words[0] if words and "=" not in words[0] else None
     flights = experiments(load(source, words[source is not None :]))
@@ -92,7 +92,7 @@ def _save(found: "Identified", out: Path | None, model: Path | None) -> list[Pat
             path.write_text(found.as_toml(), encoding="utf-8")
             saved.append(path)
         if out:
-            from heli_twin.identification_figure import residual_figures
+            from heli_twin.identification.figure import residual_figures
             from heli_twin.studies.report.drawing import write_svg
 
             for figure in residual_figures(found):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from heli_twin.commands import command
 
 if TYPE_CHECKING:
-    from heli_twin.paper_verdicts import Claim
+    from heli_twin.paper.verdicts import Claim
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -35,7 +35,7 @@ def run(parsed: Namespace) -> int:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from heli_twin.paper import write_paper
+    from heli_twin.paper.write import write_paper
 
     columns = (TextColumn("flying the paper"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(compact=True))
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:

@@ -1,6 +1,6 @@
 """Gains and damping of the helicopter from flight logs: what `heli-twin identify` finds, and how it is handed on.
 
-The paper's step responses and least squares, made to work through gusts and noise, see `identification_fit`.
+The paper's step responses and least squares, made to work through gusts and noise, see `fit`.
 
 Source: Kunz, Huck, Summers, ECC 2013, section on identification, (27).
 """
@@ -8,8 +8,8 @@ Source: Kunz, Huck, Summers, ECC 2013, section on identification, (27).
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from heli_twin.identification_data import Stretch, stretches
-from heli_twin.identification_fit import NEEDS, REMEDY, AxisFit, IdentificationError, Parameter, fit_axis
+from heli_twin.identification.data import Stretch, stretches
+from heli_twin.identification.fit import NEEDS, REMEDY, AxisFit, IdentificationError, Parameter, fit_axis
 from heli_twin.recording import Log
 
 

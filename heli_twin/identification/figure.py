@@ -4,9 +4,9 @@ import numpy as np
 
 from controllers.model import GRAVITY
 from controllers.signals import Array
-from heli_twin.identification import Identified
-from heli_twin.identification_data import ROW
-from heli_twin.identification_fit import MEMORY, AxisFit
+from heli_twin.identification.data import ROW
+from heli_twin.identification.fit import MEMORY, AxisFit
+from heli_twin.identification.identify import Identified
 from heli_twin.studies.report.figure import Curve, Figure, Panel
 
 SHOWN = 25.0

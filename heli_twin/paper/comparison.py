@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from heli_twin.paper_flights import CASES, WEAK, Flights, weak
-from heli_twin.paper_gains import gains_of
-from heli_twin.paper_verdicts import LITTLE, Claim, all_of, below, in_words, smaller
+from heli_twin.paper.flights import CASES, WEAK, Flights, weak
+from heli_twin.paper.gains import gains_of
+from heli_twin.paper.verdicts import LITTLE, Claim, all_of, below, in_words, smaller
 from heli_twin.studies.inference import mean_interval
 from heli_twin.studies.report.words import interval, metric, number
 

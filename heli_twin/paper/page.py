@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from heli_twin.metrics import SETTLING
-from heli_twin.paper_claims import CM
-from heli_twin.paper_comparison import DEGREES
-from heli_twin.paper_flights import CASES, Flights
-from heli_twin.paper_verdicts import Claim
+from heli_twin.paper.claims import CM
+from heli_twin.paper.comparison import DEGREES
+from heli_twin.paper.flights import CASES, Flights
+from heli_twin.paper.verdicts import Claim
 from heli_twin.studies.report.figure import Figure, Table
 from heli_twin.studies.report.page import STYLE
 from heli_twin.studies.report.words import number

@@ -140,7 +140,7 @@ def tasks(seeds: int, duration: float, names: Sequence[str]) -> Iterator[Task]:
 
 def identification_tasks() -> Iterator[Task]:
     """The flights of `heli-twin identify`; all logs are kept."""
-    from heli_twin.identification_flights import experiments
+    from heli_twin.identification.flights import experiments
 
     for number, experiment in enumerate(experiments(load())):
         text = canonical_json(experiment)

@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from heli_twin.paper_claims import CM, largest
-from heli_twin.paper_comparison import DEGREES
-from heli_twin.paper_flights import WEAK, Flights, weak
-from heli_twin.paper_verdicts import explains
+from heli_twin.paper.claims import CM, largest
+from heli_twin.paper.comparison import DEGREES
+from heli_twin.paper.flights import WEAK, Flights, weak
+from heli_twin.paper.verdicts import explains
 from heli_twin.studies.report.figure import Table
 from heli_twin.studies.report.words import number
 

@@ -1,6 +1,6 @@
 """The paper's claims, each with its number, ours, and a verdict by rule. Only the paper's numbers are written here.
 
-Source: Kunz, Huck, Summers, ECC 2013, section III and Figs. 3-5; those about two controllers are in `paper_comparison`.
+Source: Kunz, Huck, Summers, ECC 2013, section III and Figs. 3-5; those about two controllers are in `comparison`.
 """
 
 from collections.abc import Iterator
@@ -9,12 +9,12 @@ import numpy as np
 
 from controllers.model import Model
 from heli_twin.disturbances.bias import Bias
-from heli_twin.identification import Identified
-from heli_twin.identification_fit import Parameter
+from heli_twin.identification.fit import Parameter
+from heli_twin.identification.identify import Identified
 from heli_twin.metrics import milliseconds
-from heli_twin.paper_comparison import DEGREES, comparison, judged
-from heli_twin.paper_flights import CASES, Flights
-from heli_twin.paper_verdicts import (
+from heli_twin.paper.comparison import DEGREES, comparison, judged
+from heli_twin.paper.flights import CASES, Flights
+from heli_twin.paper.verdicts import (
     APPROXIMATELY,
     CLOSE,
     LITTLE,

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from heli_twin.errors import HeliTwinError
-from heli_twin.identification import Identified, identify
-from heli_twin.paper_causes import causes
-from heli_twin.paper_claims import claims, parameter_rows, timing_claims
-from heli_twin.paper_curves import Shown, times_figure
-from heli_twin.paper_figures import figures
-from heli_twin.paper_flights import CASES, Flights, fly_all, identification_tasks, tasks
-from heli_twin.paper_gains import gains_table
-from heli_twin.paper_page import Section, claims_section, figure_section, flown_table, page, table_section
-from heli_twin.paper_verdicts import Claim
+from heli_twin.identification.identify import Identified, identify
+from heli_twin.paper.causes import causes
+from heli_twin.paper.claims import claims, parameter_rows, timing_claims
+from heli_twin.paper.curves import Shown, times_figure
+from heli_twin.paper.figures import figures
+from heli_twin.paper.flights import CASES, Flights, fly_all, identification_tasks, tasks
+from heli_twin.paper.gains import gains_table
+from heli_twin.paper.page import Section, claims_section, figure_section, flown_table, page, table_section
+from heli_twin.paper.verdicts import Claim
 from heli_twin.recording import read_log
 from heli_twin.recording.log import Timings
 from heli_twin.studies.report.figure import Figure, Table

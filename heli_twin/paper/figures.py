@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from controllers.signals import Array
-from heli_twin.paper_claims import CM
-from heli_twin.paper_comparison import DEGREES
-from heli_twin.paper_curves import TIME, Shown, circle_figure, error_of, hover_figure, others_figure
-from heli_twin.paper_flights import CASES, WEAK, Flights, weak
+from heli_twin.paper.claims import CM
+from heli_twin.paper.comparison import DEGREES
+from heli_twin.paper.curves import TIME, Shown, circle_figure, error_of, hover_figure, others_figure
+from heli_twin.paper.flights import CASES, WEAK, Flights, weak
 from heli_twin.studies.inference import mean_interval
 from heli_twin.studies.report.figure import Curve, Dots, Figure, Panel
 from heli_twin.studies.report.words import metric, number

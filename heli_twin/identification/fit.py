@@ -1,6 +1,6 @@
 """Least squares on one axis of (1), with intervals that know of gusts, and a refusal of logs that say too little.
 
-Along every stretch of every log, and through a smooth window (see `identification_data`),
+Along every stretch of every log, and through a smooth window (see `data`),
 
     accel(t) = b u(late) + k speed(t) + push + residual
 
@@ -25,7 +25,7 @@ import numpy as np
 
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
-from heli_twin.identification_data import GRID, ROW, Equation, Stretch
+from heli_twin.identification.data import GRID, ROW, Equation, Stretch
 
 MEMORY = 3.0
 """Residuals further apart than this, s, are taken for independent: four times what a gust in a room lasts."""

@@ -9,7 +9,7 @@ from controllers.reference import ReferencePreview
 from controllers.signals import Array, Estimate
 from controllers.trajectories.hover import Hover
 from heli_twin.chance import nanoseconds
-from heli_twin.paper_flights import CASES
+from heli_twin.paper.flights import CASES
 from heli_twin.studies.report.figure import Table
 
 NUDGE = 1e-3
