@@ -14,7 +14,10 @@ from heli_twin.studies.inference import mean_interval
 from heli_twin.studies.report.words import interval, metric, number
 
 DEGREES = 180.0 / np.pi
-OBEYS = "the twin's heading obeys the model that the coupling assumes, the paper says that its helicopter's did not"
+SMALL_HERE = (
+    "the coupled model turns to mend errors in x, y, in proportion to speed and error, and both are small here: with"
+    " trajectory.rate=2 and disturbances.gust.strength=0.5 its heading suffers, with a wrong plant.yaw_gain it does not"
+)
 
 
 def comparison(flights: Flights) -> Iterator[Claim]:
@@ -95,7 +98,7 @@ def _coupling(flights: Flights) -> Iterator[Claim]:
         yield _activity(flights, where, removed, full)
         for what, axes in (("motion", ("x", "y")), ("heading", ("yaw",))):
             text = f"Coupling removed: {what} significantly better, {where}"
-            yield _better(flights, removed, full, axes, text, OBEYS)
+            yield _better(flights, removed, full, axes, text, SMALL_HERE)
 
 
 def _activity(flights: Flights, where: str, removed: str, full: str) -> Claim:
