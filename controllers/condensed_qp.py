@@ -1,6 +1,6 @@
-"""The optimisation (26) as a dense QP in the inputs alone.
+"""The optimisation (26) as a dense QP in the inputs alone, for the whole LTV model or a part of it.
 
-With the states eliminated, x = x_nominal + G (u - u_nominal): the nominal trajectory starts at the newest state,
+With the n states eliminated, x = x_nominal + G (u - u_nominal): the nominal trajectory starts at the newest state,
 so the affine terms d_k of (22) need no bookkeeping of their own. Minimise 1/2 u'H u + g'u subject to
 u_low <= u <= u_high and v_low <= C u <= v_high, where C picks the velocities of the predicted states. The
 measured state is not bounded: noise alone could make that infeasible.
@@ -10,80 +10,84 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.ltv import N_INPUTS, N_STATES, Ltv
+from controllers.ltv import Ltv, Part
 from controllers.signals import Array
-
-VELOCITIES = slice(4, 8)
 
 
 class CondensedQp(NamedTuple):
-    """A dense QP of n = 4 N variables (the stacked inputs) and m = 4 N velocity rows."""
+    """A dense QP in the N m stacked inputs, with as many velocity rows."""
 
     H: Array
-    """(n, n)"""
+    """(Nm, Nm)"""
     g: Array
-    """(n,)"""
+    """(Nm,)"""
     C: Array
-    """(m, n)"""
+    """(Nm, Nm)"""
     v_low: Array
-    """(m,) lower bound of C u."""
+    """(Nm,) lower bound of C u."""
     v_high: Array
-    """(m,) upper bound of C u."""
+    """(Nm,) upper bound of C u."""
     u_low: Array
-    """(n,)"""
+    """(Nm,)"""
     u_high: Array
-    """(n,)"""
+    """(Nm,)"""
 
 
 class Weights(NamedTuple):
     """The stage and terminal weights of (26)."""
 
     sqrt_Q: Array
-    """(10,) roots of the diagonal of Q."""
+    """(n,) roots of the diagonal of Q."""
     R: Array
-    """(4,) diagonal of R."""
+    """(m,) diagonal of R."""
     sqrt_Qf: Array
-    """(10, 10) S with S'S = Q_f."""
+    """(n, n) S with S'S = Q_f."""
+
+    def of(self, part: Part) -> "Weights":
+        """The weights of a part of the whole model."""
+        states = part.states
+        return Weights(self.sqrt_Q[states], self.R[part.inputs], self.sqrt_Qf[np.ix_(states, states)])
 
 
 class Limits(NamedTuple):
-    """The bounds of (26)."""
+    """The bounds of (26), one for each input."""
 
     u_min: Array
-    """(4,)"""
+    """(m,)"""
     u_max: Array
-    """(4,)"""
+    """(m,)"""
     v_max: Array
-    """(4,) on the magnitudes of the predicted vx vy vz (m/s) and yaw rate (rad/s)."""
+    """(m,) on the magnitude of the predicted velocity that the input drives: vx vy vz (m/s) or yaw rate (rad/s)."""
 
 
 class Condenser:
-    """Builds the QP of one horizon length again and again in the same memory; results are overwritten by the next.
+    """Builds the QP of one horizon length again and again.
+
+    Where weights and matrices are those of the call before, H and C are the same arrays again.
 
     Args:
-        steps: N, the number of inputs.
-        limits: Bounds on inputs and predicted velocities.
+        steps: N, the number of inputs in a row.
+        limits: Bounds on the part's inputs and predicted velocities.
+        part: Of the LTV model.
     """
 
-    def __init__(self, steps: int, limits: Limits) -> None:
-        n = N_INPUTS * steps
-        self._steps, self._split = steps, steps // 2
+    def __init__(self, steps: int, limits: Limits, part: Part) -> None:
+        n, m = len(part.states), len(part.inputs)
+        self._steps, self._n, self._m = steps, n, m
         self._u_low, self._u_high = np.tile(limits.u_min, steps), np.tile(limits.u_max, steps)
-        self._v_max = np.tile(limits.v_max, steps)
+        self._v_max, self._velocities = np.tile(limits.v_max, steps), part.velocities
         # G[k] holds the derivative of state k by all inputs; those from k on stay zero.
-        self._G = np.zeros((steps + 1, N_STATES, n))
-        self._S = np.empty((steps, N_STATES, n))
-        self._error = np.empty((steps, N_STATES))
-        reached = [self._G[k, :, : N_INPUTS * k] for k in range(steps)]
-        carried = [self._G[k + 1, :, : N_INPUTS * k] for k in range(steps)]
-        self._recursion = list(zip(reached, carried, strict=True))[1:]
-        blocks = self._G[1:].reshape(steps, N_STATES, steps, N_INPUTS)
-        self._newest = np.einsum("kskj->ksj", blocks)
+        self._G = np.zeros((steps + 1, n, m * steps))
+        self._S = np.empty((steps, n, m * steps))
+        self._error = np.empty((steps, n))
+        newest = [self._G[k + 1, :, m * k : m * (k + 1)] for k in range(steps)]
+        self._recursion = list(zip(self._G, self._G[1:], newest, strict=False))
+        self._condensed: tuple[Ltv, Weights] | None = None
+        self._H = self._C = np.empty((0, 0))
 
-    def predict(self, ltv: Ltv, u: Array) -> Array:
-        """The states (N + 1, 10) that the LTV model last condensed reaches under the inputs u (N, 4)."""
-        du = (u - ltv.u_nominal).ravel()
-        return ltv.x_nominal + (self._G.reshape(-1, len(du)) @ du).reshape(-1, N_STATES)
+    def response(self, du: Array) -> Array:
+        """How the states (N + 1, n) of the LTV model last condensed depart under inputs that depart by du (N, m)."""
+        return (self._G.reshape(-1, du.size) @ du.ravel()).reshape(-1, self._n)
 
     def __call__(self, ltv: Ltv, w: Weights, x_ref: Array, u_ref: Array) -> CondensedQp:
         """Condense one horizon.
@@ -91,36 +95,41 @@ class Condenser:
         Args:
             ltv: N steps of the linear model.
             w: Weights of (26).
-            x_ref: (N + 1, 10) reference states.
-            u_ref: (N, 4) reference inputs.
+            x_ref: (N + 1, n) reference states.
+            u_ref: (N, m) reference inputs.
         """
-        n, G, S, error = self._steps, self._G, self._S, self._error
-        self._newest[...] = ltv.B
-        for A, (reached, carried) in zip(ltv.A[1:], self._recursion, strict=True):
-            np.matmul(A, reached, out=carried)
-        np.multiply(G[1:n], w.sqrt_Q[:, None], out=S[:-1])
-        np.matmul(w.sqrt_Qf, G[n], out=S[-1])
+        if not self._have(ltv, w):
+            self._condense(ltv, w)
+        error, H, C = self._error, self._H, self._C
         off = ltv.x_nominal[1:] - x_ref[1:]
         np.multiply(off[:-1], w.sqrt_Q, out=error[:-1])
         np.matmul(w.sqrt_Qf, off[-1], out=error[-1])
-        H = self._hessian()
         u_nominal = ltv.u_nominal.ravel()
-        g = error.ravel() @ S.reshape(-1, N_INPUTS * n) - H @ u_nominal - (w.R * u_ref).ravel()
-        diagonal = H.reshape(-1)[:: N_INPUTS * n + 1].reshape(n, N_INPUTS)
-        diagonal += w.R
-        C = G[1:, VELOCITIES].reshape(-1, N_INPUTS * n)
-        offset = ltv.x_nominal[1:, VELOCITIES].ravel() - C @ u_nominal
+        # H holds R already, which weighs the distance from u_ref, not from u_nominal.
+        g = error.ravel() @ self._S.reshape(-1, len(H)) - H @ u_nominal + (w.R * (ltv.u_nominal - u_ref)).ravel()
+        offset = ltv.x_nominal[1:].take(self._velocities, axis=1).ravel() - C @ u_nominal
         return CondensedQp(H, g, C, -self._v_max - offset, self._v_max - offset, self._u_low, self._u_high)
 
-    def _hessian(self) -> Array:
-        """S'S without the half of the rows' zeros: early states do not depend on late inputs."""
-        early, late = self._S[: self._split], self._S[self._split :]
-        stacked = late.reshape(-1, late.shape[2])
-        H = stacked.T @ stacked
-        width = N_INPUTS * self._split
-        stacked = early[:, :, :width].reshape(N_STATES * self._split, width)
-        H[:width, :width] += stacked.T @ stacked
-        return H
+    def _have(self, ltv: Ltv, w: Weights) -> bool:
+        if self._condensed is None:
+            return False
+        last, weights = self._condensed
+        return weights is w and bool((last.A == ltv.A).all()) and bool((last.B == ltv.B).all())
+
+    def _condense(self, ltv: Ltv, w: Weights) -> None:
+        """The matrices: G, S = [sqrt_Q G; sqrt_Qf G_N], H = S'S + R and the velocity rows C of G."""
+        n, G, S = self._steps, self._G, self._S
+        for A, B, (before, after, newest) in zip(ltv.A, ltv.B, self._recursion, strict=True):
+            np.dot(A, before, out=after)
+            newest[...] = B
+        np.multiply(G[1:n], w.sqrt_Q[:, None], out=S[:-1])
+        np.matmul(w.sqrt_Qf, G[n], out=S[-1])
+        stacked = S.reshape(-1, S.shape[2])
+        self._H = H = stacked.T @ stacked
+        diagonal = H.reshape(-1)[:: len(H) + 1].reshape(n, self._m)
+        diagonal += w.R
+        self._C = G[1:].take(self._velocities, axis=1).reshape(len(H), len(H))
+        self._condensed = ltv, w
 
 
 def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:

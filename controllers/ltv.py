@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from controllers.model import Model, Push, State, stepper
+from controllers.model import Model, Push, State, simulator
 from controllers.signals import Array
 
 Coupling = Literal["removed", "full"]
@@ -18,16 +18,56 @@ NO_PUSH: Push = (0.0, 0.0, 0.0, 0.0)
 
 
 class Ltv(NamedTuple):
-    """x_{k+1} = x_nominal_{k+1} + A_k (x_k - x_nominal_k) + B_k (u_k - u_nominal_k), (21)."""
+    """x_{k+1} = x_nominal_{k+1} + A_k (x_k - x_nominal_k) + B_k (u_k - u_nominal_k), (21).
+
+    The whole model has n = 10 states and m = 4 inputs, a part of it fewer.
+    """
 
     A: Array
-    """(N, 10, 10) discrete state matrices."""
+    """(N, n, n) discrete state matrices."""
     B: Array
-    """(N, 10, 4) discrete input matrices."""
+    """(N, n, m) discrete input matrices."""
     x_nominal: Array
-    """(N + 1, 10) nominal states (12)."""
+    """(N + 1, n) nominal states (12)."""
     u_nominal: Array
-    """(N, 4) nominal inputs (13)."""
+    """(N, m) nominal inputs (13)."""
+
+
+class Part:
+    """Some states and inputs of the LTV model.
+
+    Args:
+        states: Their places among the ten.
+        inputs: Their places among the four.
+    """
+
+    def __init__(self, states: tuple[int, ...], inputs: tuple[int, ...]) -> None:
+        self.states, self.inputs = np.array(states), np.array(inputs)
+        self.velocities = np.array([states.index(4 + i) for i in inputs])
+        """Where the velocities vx vy vz and yaw rate that the inputs drive stand among the part's own states."""
+        self._A = (N_STATES * self.states[:, None] + self.states).ravel()
+        self._B = (N_INPUTS * self.states[:, None] + self.inputs).ravel()
+
+    def of(self, ltv: Ltv) -> Ltv:
+        """The part of the whole model: its own matrices and nominal trajectory."""
+        n, m, steps = len(self.states), len(self.inputs), len(ltv.A)
+        return Ltv(
+            ltv.A.reshape(steps, -1).take(self._A, axis=1).reshape(steps, n, n),
+            ltv.B.reshape(steps, -1).take(self._B, axis=1).reshape(steps, n, m),
+            ltv.x_nominal.take(self.states, axis=1),
+            ltv.u_nominal.take(self.inputs, axis=1),
+        )
+
+
+PARTS: dict[Coupling, tuple[Part, ...]] = {
+    "removed": (Part((0, 1, 4, 5, 8, 9), (0, 1)), Part((2, 3, 6, 7), (2, 3))),
+    "full": (Part(tuple(range(N_STATES)), tuple(range(N_INPUTS))),),
+}
+"""Parts that do not act on one another, so that (26) falls into one optimisation for each.
+
+Without the coupling these are the plane, whose matrices turn with the nominal yaw, and height and yaw, whose matrices
+never change.
+"""
 
 
 def shift(u: Array) -> Array:
@@ -55,13 +95,9 @@ def rollout(
         (N + 1, 10) nominal states.
     """
     px, py, pz, yaw, vx, vy, vz, r, *_ = x0.tolist()
-    x: State = (px, py, pz, yaw, vx, vy, vz, r)
-    rows, step = [x], stepper(model, period)
-    for u in u_nominal.tolist():
-        x = step(x, u, push)
-        rows.append(x)
-    out = np.empty((len(rows), N_STATES))
-    out[:, :8] = rows
+    start: State = (px, py, pz, yaw, vx, vy, vz, r)
+    out = np.empty((len(u_nominal) + 1, N_STATES))
+    out[0, :8], out[1:, :8] = start, simulator(model, period)(start, u_nominal.tolist(), push)
     error = out[:, :2] - xy_ref
     out[0, 8:] = x0[8:]
     out[1:, 8:] = x0[8:] + np.cumsum((0.5 * k_i * period) * (error[1:] + error[:-1]), axis=0)
@@ -98,6 +134,9 @@ def jacobians(model: Model, k_i: float, x: Array, coupling: Coupling) -> tuple[A
     return A, B
 
 
+_EYE = np.eye(N_STATES)
+
+
 def discretise(A: Array, B: Array, period: float, method: Discretisation) -> tuple[Array, Array]:
     """Discrete matrices (17) of continuous ones under a held input.
 
@@ -111,15 +150,16 @@ def discretise(A: Array, B: Array, period: float, method: Discretisation) -> tup
         (n, 10, 10) and (n, 10, 4).
     """
     step = period * A
-    eye = np.eye(N_STATES)
     if method == "euler":
-        return eye + step, np.broadcast_to(period * B, (len(A), *B.shape))
+        held = np.empty((len(A), *B.shape))
+        held[...] = period * B
+        return _EYE + step, held
     # exp(M) and its integral by Horner's rule: at a 20 ms period the norm of M stays below 1 within the speed
     # limits, where 16 terms leave less than 1e-14.
-    integral = np.broadcast_to(eye, A.shape)
+    integral = np.broadcast_to(_EYE, A.shape)
     for term in range(16, 1, -1):
-        integral = eye + step @ integral / term
-    return eye + step @ integral, integral @ (period * B)
+        integral = _EYE + step @ integral / term
+    return _EYE + step @ integral, integral @ (period * B)
 
 
 def linearise(

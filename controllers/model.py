@@ -1,6 +1,6 @@
 """The helicopter as the controller believes it: the paper's (1) with parameters (27) and limits (28), (29)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import cos, expm1, sin
 from typing import Annotated
@@ -86,12 +86,12 @@ Push = tuple[float, float, float, float]
 
 
 def advance(model: Model, x: State, u: Input, dt: float, push: Push = (0.0, 0.0, 0.0, 0.0)) -> State:
-    """The state `dt` seconds later under a constant input and a constant `push`; see `stepper`."""
-    return stepper(model, dt)(x, u, push)
+    """The state `dt` seconds later under a constant input and a constant `push`; see `simulator`."""
+    return simulator(model, dt)(x, (u,), push)[0]
 
 
-def stepper(model: Model, dt: float) -> Callable[[State, Input, Push], State]:
-    """The nonlinear model over a fixed time: exact in z and yaw, fourth order in x and y.
+def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push], list[State]]:
+    """The nonlinear model in steps of a fixed time: exact in z and yaw, fourth order in x and y.
 
     Height and yaw are linear and are solved in closed form. Along that yaw, position and velocity in the plane are
     integrated by one Runge-Kutta 4 step in the world frame, where the turning terms of (1) cancel. Written out in
@@ -102,54 +102,56 @@ def stepper(model: Model, dt: float) -> Callable[[State, Input, Push], State]:
         dt: Length of the step, s.
 
     Returns:
-        A function of the state, the input held over the step and a constant push.
+        A function of the state, the inputs, each held over one step, and a constant push: the states after each step.
     """
     half, sixth, square = 0.5 * dt, dt / 6.0, 0.5 * dt * dt
     gain, turn = _yaw_response(model.k_yaw, dt)
     _, turn_half = _yaw_response(model.k_yaw, half)
     k = model.k_yaw
     b_x, b_y, b_z, b_yaw, k_x, k_y = model.b_x, model.b_y, model.b_z, model.b_yaw, model.k_x, model.k_y
-    k_difference = k_x - k_y
+    k_difference, k_sum = k_x - k_y, k_x + k_y
 
-    def step(x: State, u: Input, push: Push) -> State:
+    def simulate(x: State, inputs: Sequence[Input], push: Push) -> list[State]:
         px, py, pz, yaw, vx, vy, vz, r = x
-        rate = b_yaw * u[3] + push[3] + k * r
-        yaw_mid = yaw + r * half + rate * turn_half
-        yaw_end = yaw + r * dt + rate * turn
-        az = b_z * u[2] - GRAVITY + push[2]
-        fx, fy, ax, ay = b_x * u[0], b_y * u[1], push[0], push[1]
-        # In the world the planar acceleration is g + K w, with w the velocity, g the push and the turned input, and
-        # K the turned drag, symmetric: at the start, the middle and the end of the step.
-        c, s, cm, sm, ce, se = cos(yaw), sin(yaw), cos(yaw_mid), sin(yaw_mid), cos(yaw_end), sin(yaw_end)
-        wx, wy = c * vx - s * vy, s * vx + c * vy
-        kxx, kxy = k_y + k_difference * c * c, k_difference * c * s
-        x1 = c * fx - s * fy + ax + kxx * wx + kxy * wy
-        y1 = s * fx + c * fy + ay + kxy * wx + (k_x + k_y - kxx) * wy
-        gx, gy = cm * fx - sm * fy + ax, sm * fx + cm * fy + ay
-        kxx, kxy = k_y + k_difference * cm * cm, k_difference * cm * sm
-        kyy = k_x + k_y - kxx
-        mx, my = wx + half * x1, wy + half * y1
-        x2, y2 = gx + kxx * mx + kxy * my, gy + kxy * mx + kyy * my
-        mx, my = wx + half * x2, wy + half * y2
-        x3, y3 = gx + kxx * mx + kxy * my, gy + kxy * mx + kyy * my
-        kxx, kxy = k_y + k_difference * ce * ce, k_difference * ce * se
-        mx, my = wx + dt * x3, wy + dt * y3
-        x4 = ce * fx - se * fy + ax + kxx * mx + kxy * my
-        y4 = se * fx + ce * fy + ay + kxy * mx + (k_x + k_y - kxx) * my
-        x23, y23 = x2 + x3, y2 + y3
-        ex, ey = wx + sixth * (x1 + x23 + x23 + x4), wy + sixth * (y1 + y23 + y23 + y4)
-        return (
-            px + dt * (wx + sixth * (x1 + x23)),
-            py + dt * (wy + sixth * (y1 + y23)),
-            pz + dt * vz + square * az,
-            yaw_end,
-            ce * ex + se * ey,
-            ce * ey - se * ex,
-            vz + dt * az,
-            r + rate * gain,
-        )
+        ax, ay, a_z, a_yaw = push
+        a_z -= GRAVITY
+        c, s = cos(yaw), sin(yaw)
+        states: list[State] = []
+        for u_x, u_y, u_z, u_yaw in inputs:
+            rate = b_yaw * u_yaw + a_yaw + k * r
+            yaw_mid = yaw + r * half + rate * turn_half
+            yaw += r * dt + rate * turn
+            az = b_z * u_z + a_z
+            fx, fy = b_x * u_x, b_y * u_y
+            # In the world the planar acceleration is g + K w, with w the velocity, g the push and the turned input,
+            # and K the turned drag, symmetric: at the start, the middle and the end of the step.
+            cm, sm = cos(yaw_mid), sin(yaw_mid)
+            wx, wy = c * vx - s * vy, s * vx + c * vy
+            kxx, kxy = k_y + k_difference * c * c, k_difference * c * s
+            x1 = c * fx - s * fy + ax + kxx * wx + kxy * wy
+            y1 = s * fx + c * fy + ay + kxy * wx + (k_sum - kxx) * wy
+            gx, gy = cm * fx - sm * fy + ax, sm * fx + cm * fy + ay
+            kxx, kxy = k_y + k_difference * cm * cm, k_difference * cm * sm
+            kyy = k_sum - kxx
+            mx, my = wx + half * x1, wy + half * y1
+            x2, y2 = gx + kxx * mx + kxy * my, gy + kxy * mx + kyy * my
+            mx, my = wx + half * x2, wy + half * y2
+            x3, y3 = gx + kxx * mx + kxy * my, gy + kxy * mx + kyy * my
+            c, s = cos(yaw), sin(yaw)
+            kxx, kxy = k_y + k_difference * c * c, k_difference * c * s
+            mx, my = wx + dt * x3, wy + dt * y3
+            x4 = c * fx - s * fy + ax + kxx * mx + kxy * my
+            y4 = s * fx + c * fy + ay + kxy * mx + (k_sum - kxx) * my
+            x23, y23 = x2 + x3, y2 + y3
+            ex, ey = wx + sixth * (x1 + x23 + x23 + x4), wy + sixth * (y1 + y23 + y23 + y4)
+            px += dt * (wx + sixth * (x1 + x23))
+            py += dt * (wy + sixth * (y1 + y23))
+            pz += dt * vz + square * az
+            vx, vy, vz, r = c * ex + s * ey, c * ey - s * ex, vz + dt * az, r + rate * gain
+            states.append((px, py, pz, yaw, vx, vy, vz, r))
+        return states
 
-    return step
+    return simulate
 
 
 def _yaw_response(k: float, t: float) -> tuple[float, float]:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.condensed_qp import CondensedQp
-from controllers.ltv import N_INPUTS
 from controllers.signals import Array
 
 # ProxSuite comes in three builds and takes the widest vectors that the processor has. The two wide ones sum in an
@@ -42,23 +41,25 @@ class ProxQp:
     """Solves one condensed QP a control step: the hard one first, then one whose velocity bounds can give.
 
     Warm-started by the last solution. An infeasible dense QP can take ProxQP minutes, and a barely feasible one
-    is as bad (ProxSuite #291), so that both attempts work under a tight iteration limit. H, g, C and all bounds
-    change every step, since the model is time-varying; updating g alone would be wrong.
+    is as bad (ProxSuite #291), so that both attempts work under a tight iteration limit. H, g, C and all bounds may
+    change every step, since the model is time-varying; only an array that is the very one of the last call is not read
+    again.
 
     The object keeps warm-start state: make a new one for every flight.
 
     Args:
-        steps: N, inputs in the horizon; n = 4 N variables.
+        steps: N, the number of inputs in a row.
+        inputs: m, how many there are at a time; N m variables.
         penalty: Weight of the slack of each velocity axis, linear and quadratic alike.
     """
 
-    def __init__(self, steps: int, penalty: float = 1e3) -> None:
-        n = N_INPUTS * steps
-        self._n, self._penalty = n, penalty
+    def __init__(self, steps: int, inputs: int, penalty: float = 1e3) -> None:
+        n = inputs * steps
+        self._n, self._m, self._penalty = n, inputs, penalty
         self._hard = _Solver(n, n, eps=1e-5, max_iter=9, max_iter_in=12)
         self._soft: _Solver | None = None
         self._gave_way = True
-        self._axis = np.tile(np.eye(4), (steps, 1))
+        self._axis = np.tile(np.eye(inputs), (steps, 1))
         self.solve_ns = 0
         """Measured wall time of the last call, ns."""
 
@@ -72,8 +73,8 @@ class ProxQp:
     def _solve(self, qp: CondensedQp) -> Solution | None:
         hard, iterations = self._hard, 0
         # A helicopter that is too fast stays so for a while: only the first step of that costs a futile attempt.
-        if not (self._gave_way and _out_of_reach(qp)):
-            if hard.solve(qp.H, qp.g, qp.C, qp.v_low, qp.v_high, qp.u_low, qp.u_high):
+        if not (self._gave_way and _out_of_reach(qp, self._m)):
+            if hard.solve(qp):
                 self._gave_way = False
                 return hard.solution(qp, False, 0.0, 0)
             iterations = hard.iterations
@@ -90,36 +91,36 @@ class ProxQp:
         One slack that moves both bounds to one side would halve the rows, but a turning helicopter that is too
         fast has to pass from one bound to the other.
         """
-        n, m = self._n, len(qp.C)
+        n, m, rows = self._n, self._m, len(qp.C)
         if self._soft is None:
-            self._soft = _Solver(n + 4, 2 * m, eps=1e-4, max_iter=20, max_iter_in=60)
-        H = np.zeros((n + 4, n + 4))
+            self._soft = _Solver(n + m, 2 * rows, eps=1e-4, max_iter=20, max_iter_in=60)
+        H = np.zeros((n + m, n + m))
         H[:n, :n] = qp.H
-        H[range(n, n + 4), range(n, n + 4)] = self._penalty
-        soft, far = self._soft, np.full(m, np.inf)
-        done = soft.solve(
+        H[range(n, n + m), range(n, n + m)] = self._penalty
+        soft, far = self._soft, np.full(rows, np.inf)
+        softened = CondensedQp(
             H,
-            np.concatenate([qp.g, np.full(4, self._penalty)]),
+            np.concatenate([qp.g, np.full(m, self._penalty)]),
             np.block([[qp.C, self._axis], [qp.C, -self._axis]]),
             np.concatenate([qp.v_low, -far]),
             np.concatenate([far, qp.v_high]),
-            np.concatenate([qp.u_low, np.zeros(4)]),
-            np.concatenate([qp.u_high, np.full(4, np.inf)]),
+            np.concatenate([qp.u_low, np.zeros(m)]),
+            np.concatenate([qp.u_high, np.full(m, np.inf)]),
         )
-        if not done:
+        if not soft.solve(softened):
             soft.forget()
             return None
         return soft
 
 
-def _out_of_reach(qp: CondensedQp) -> bool:
+def _out_of_reach(qp: CondensedQp, m: int) -> bool:
     """Whether no input in the box brings the first predicted velocities inside their bounds.
 
     That is how a QP becomes infeasible in practice (the helicopter is too fast), and it is seen at once.
     """
-    C, low, high = qp.C[:4, :N_INPUTS], qp.u_low[:N_INPUTS], qp.u_high[:N_INPUTS]
+    C, low, high = qp.C[:m, :m], qp.u_low[:m], qp.u_high[:m]
     middle, reach = C @ (0.5 * (low + high)), np.abs(C) @ (0.5 * (high - low))
-    return bool((middle - reach > qp.v_high[:4]).any() or (middle + reach < qp.v_low[:4]).any())
+    return bool((middle - reach > qp.v_high[:m]).any() or (middle + reach < qp.v_low[:m]).any())
 
 
 ROUNDING = 1e-9
@@ -136,18 +137,21 @@ class _Solver:
         settings.max_iter, settings.max_iter_in = max_iter, max_iter_in
         settings.compute_timings = False
         self.forget()
-        self._ready = False
+        self._last: CondensedQp | None = None
 
     def forget(self) -> None:
         """Start the next solve from nothing: a failed one leaves no useful guess."""
         self._qp.settings.initial_guess = proxqp.NO_INITIAL_GUESS
 
-    def solve(self, H: Array, g: Array, C: Array, low: Array, high: Array, u_low: Array, u_high: Array) -> bool:
+    def solve(self, qp: CondensedQp) -> bool:
         """Solve; True where it converged to a finite point."""
         # init -> update before the first solve segfaults in ProxSuite 0.8.0; init -> solve -> update does not.
-        put = self._qp.update if self._ready else self._qp.init
-        put(H, g, None, None, C, low, high, u_low, u_high)
-        self._ready = True
+        if self._last is None:
+            self._qp.init(qp.H, qp.g, None, None, qp.C, *qp[3:])
+        else:
+            H, g, C, *bounds = (None if new is old else new for new, old in zip(qp, self._last, strict=True))
+            self._qp.update(H, g, None, None, C, *bounds)
+        self._last = qp
         self._qp.solve()
         self._qp.settings.initial_guess = proxqp.WARM_START_WITH_PREVIOUS_RESULT
         status = self._qp.results.info.status

@@ -9,7 +9,18 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.condensed_qp import CondensedQp, Condenser, Limits, Weights, riccati_terminal_weight
 from controllers.laws import safe_hover
-from controllers.ltv import N_STATES, Coupling, Discretisation, Ltv, discretise, jacobians, linearise, shift
+from controllers.ltv import (
+    N_STATES,
+    PARTS,
+    Coupling,
+    Discretisation,
+    Ltv,
+    Part,
+    discretise,
+    jacobians,
+    linearise,
+    shift,
+)
 from controllers.model import Model
 from controllers.proxqp import ProxQp, Solution
 from controllers.signals import Array, Command, Estimate, Plan, QpReport, Reference
@@ -52,13 +63,12 @@ class LtvMpc:
 
 
 class LtvMpcController:
-    """One flight's LTV-MPC: the last plan, the integral states and the warm-started solver."""
+    """One flight's LTV-MPC: the last plan, the integral states and the warm-started solvers."""
 
     def __init__(self, spec: LtvMpc) -> None:
         self._spec = spec
         model = spec.model
         self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max))
-        self._condenser, self._solver = Condenser(spec.steps, self._limits), ProxQp(spec.steps)
         Q = np.diag(spec.Q)
         self._weights = Weights(np.sqrt(np.array(spec.Q)), np.array(spec.R), np.sqrt(Q))
         if spec.terminal == "riccati":
@@ -66,6 +76,7 @@ class LtvMpcController:
             A, B = discretise(A, B, spec.period, spec.discretisation)
             P = riccati_terminal_weight(A[0], B[0], Q, np.diag(spec.R))
             self._weights = self._weights._replace(sqrt_Qf=np.linalg.cholesky(P).T)
+        self._shares = [_Share(part, spec.steps, self._limits, self._weights) for part in PARTS[spec.coupling]]
         self._u_nominal: Array | None = None
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
         self._unsolved = 0
@@ -79,22 +90,30 @@ class LtvMpcController:
         """
         if not np.isfinite(estimate.x).all():
             return safe_hover(self._spec.model, now)
-        ltv, qp = self.problem(estimate, reference)
-        solution = self._solver(qp)
-        self._unsolved = 0 if solution else self._unsolved + 1
-        if self._unsolved > self._spec.steps:
-            return safe_hover(self._spec.model, now)._replace(solve_ns=self._solver.solve_ns)
-        u = solution.u.reshape(-1, 4) if solution else ltv.u_nominal
+        ltv, qps = self.problem(estimate, reference)
+        solutions = [share.solver(qp) for share, qp in zip(self._shares, qps, strict=True)]
+        solve_ns = sum(share.solver.solve_ns for share in self._shares)
+        solved = [solution for solution in solutions if solution]
+        u, x = ltv.u_nominal, ltv.x_nominal
+        if len(solved) == len(solutions):
+            self._unsolved = 0
+            u, x = u.copy(), x.copy()
+            for share, solution in zip(self._shares, solved, strict=True):
+                share.put(solution, u, x)
+        else:
+            self._unsolved += 1
+            if self._unsolved > self._spec.steps:
+                return safe_hover(self._spec.model, now)._replace(solve_ns=solve_ns)
+            solved = []
         self._u_nominal = shift(u)
-        plan = Plan(self._condenser.predict(ltv, u), u, ltv.u_nominal)
-        return Command(now, u[0], plan, _report(solution), self._solver.solve_ns)
+        return Command(now, u[0], Plan(x, u, ltv.u_nominal), _report(solved), solve_ns)
 
     def linearise_along(self, u_nominal: Array) -> None:
         """Take these nominal inputs (N, 4) in the next step, not the shifted last plan: those of a log, for one."""
         self._u_nominal = u_nominal
 
-    def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, CondensedQp]:
-        """Linearise along the nominal inputs and condense (26)."""
+    def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
+        """Linearise along the nominal inputs and condense (26): one QP for each part of the model."""
         spec = self._spec
         error = estimate.x[:2] - reference.x[0, :2]
         self._integral += (0.5 * spec.k_i * spec.period) * (error + self._last_error)
@@ -120,17 +139,39 @@ class LtvMpcController:
             spec.discretisation,
             tuple(push.tolist()),
         )
-        return ltv, self._condenser(ltv, self._turned_weights(ltv), x_ref, u_ref)
+        if spec.terminal == "riccati":
+            turned = self._turned_weights(ltv)
+            return ltv, [share.condense(ltv, turned.of(share.part), x_ref, u_ref) for share in self._shares]
+        return ltv, [share.condense(ltv, share.weights, x_ref, u_ref) for share in self._shares]
 
     def _turned_weights(self, ltv: Ltv) -> Weights:
         """The Riccati weight belongs to a helicopter that looks north: turn it to the heading at the horizon's end."""
-        if self._spec.terminal == "paper":
-            return self._weights
         yaw = ltv.x_nominal[-1, 3]
         turn = np.eye(N_STATES)
         for i in (0, 8):
             turn[i : i + 2, i : i + 2] = [[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]
         return self._weights._replace(sqrt_Qf=self._weights.sqrt_Qf @ turn)
+
+
+class _Share:
+    """What one part of the model has in (26), with its own condenser and solver."""
+
+    def __init__(self, part: Part, steps: int, limits: Limits, weights: Weights) -> None:
+        self.part, self.weights = part, weights.of(part)
+        self._condenser = Condenser(steps, Limits(*(bound[part.inputs] for bound in limits)), part)
+        self.solver = ProxQp(steps, len(part.inputs))
+
+    def condense(self, ltv: Ltv, weights: Weights, x_ref: Array, u_ref: Array) -> CondensedQp:
+        """The QP of this part; arguments but the weights are those of the whole model."""
+        part = self.part
+        x_ref, u_ref = x_ref.take(part.states, axis=1), u_ref.take(part.inputs, axis=1)
+        return self._condenser(part.of(ltv), weights, x_ref, u_ref)
+
+    def put(self, solution: Solution, u: Array, x: Array) -> None:
+        """Turn nominal inputs (N, 4) and states (N + 1, 10) into planned ones where they are this part's."""
+        planned = solution.u.reshape(len(u), -1)
+        x[:, self.part.states] += self._condenser.response(planned - u.take(self.part.inputs, axis=1))
+        u[:, self.part.inputs] = planned
 
 
 _CANCELLED = {"off": (0.0, 0.0, 0.0, 0.0), "z": (0.0, 0.0, 1.0, 0.0), "all": (1.0, 1.0, 1.0, 1.0)}
@@ -145,8 +186,14 @@ def _as_input(model: Model, push: Array, yaw: Array) -> Array:
     return np.stack([ahead / model.b_x, port / model.b_y, up / model.b_z, turn / model.b_yaw], axis=-1)
 
 
-def _report(solution: Solution | None) -> QpReport:
-    if solution is None:
+def _report(solutions: list[Solution]) -> QpReport:
+    """All parts' solutions together; nothing solved is a plan flown on."""
+    if not solutions:
         return QpReport("shifted_plan", 0, 0, 0.0, 0.0)
-    status = "softened" if solution.softened else "solved"
-    return QpReport(status, solution.iterations, solution.active_bounds, solution.objective, solution.slack)
+    return QpReport(
+        "softened" if any(s.softened for s in solutions) else "solved",
+        sum(s.iterations for s in solutions),
+        sum(s.active_bounds for s in solutions),
+        sum(s.objective for s in solutions),
+        max(s.slack for s in solutions),
+    )

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le, Unit, doc
 
-from controllers.model import Input, Model, State, stepper
+from controllers.model import Input, Model, State, simulator
 from controllers.signals import Array
 from heli_twin.chance import nanoseconds
 from heli_twin.plant import Air, Truth
@@ -51,7 +51,7 @@ class IdealHelicopter:
 
     def __init__(self, spec: Ideal, x: Array) -> None:
         self._spec = spec
-        self._step = stepper(spec.model, spec.step)
+        self._simulate = simulator(spec.model, spec.step)
         self._steps = 0
         px, py, pz, yaw, vx, vy, vz, r = (float(v) for v in x)
         self._x: State = (px, py, pz, yaw, vx, vy, vz, r)
@@ -95,8 +95,7 @@ class IdealHelicopter:
         ax, ay, az = air.acceleration.tolist()
         driven, push = (ux, uy, uz * air.thrust_factor, uyaw), (ax, ay, az, 0.0)
         for _ in range(target - self._steps):
-            still = _seen_from(self._x, wx, wy)
-            moved = self._step(still, driven, push)
+            (moved,) = self._simulate(_seen_from(self._x, wx, wy), (driven,), push)
             px, py, pz, yaw, vx, vy, vz, r = _seen_from(moved, -wx, -wy)
             self._x = (px + wx * self._spec.step, py + wy * self._spec.step, pz, yaw, vx, vy, vz, r)
         self._steps = target

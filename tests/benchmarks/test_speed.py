@@ -42,19 +42,24 @@ def circle(law: LtvMpc) -> list[tuple[Estimate, Reference]]:
     return given
 
 
+WHOLE = LtvMpc(coupling="full")
+"""One QP a step, with all 76 inputs."""
+
+
 def problems(law: LtvMpc) -> list[CondensedQp]:
     """The QPs of those steps, each on its own memory."""
     controller = law.start()
     copies = []
     for estimate, reference in circle(law):
-        _, qp = controller.problem(estimate, reference)
+        _, (qp,) = controller.problem(estimate, reference)
         copies.append(CondensedQp(*(part.copy() for part in qp)))
         controller.step(estimate.stamp, estimate, reference)
     return copies
 
 
-def test_control_step_on_the_circle(benchmark):
-    law = LtvMpc()
+@pytest.mark.parametrize("coupling", ["removed", "full"])
+def test_control_step_on_the_circle(benchmark, coupling):
+    law = LtvMpc(coupling=coupling)
     given, controller = circle(law), law.start()
     upcoming = iter(given * 20)
 
@@ -67,15 +72,13 @@ def test_control_step_on_the_circle(benchmark):
 
 
 def test_solve_with_proxqp(benchmark):
-    law = LtvMpc()
-    upcoming, solver = iter(problems(law) * 10), ProxQp(law.steps)
+    upcoming, solver = iter(problems(WHOLE) * 10), ProxQp(WHOLE.steps, 4)
     benchmark.pedantic(lambda: solver(next(upcoming)), rounds=4000, warmup_rounds=100)
 
 
 def test_solve_with_osqp(benchmark):
     """The peer: warm-started OSQP on the same problems, to the same absolute tolerance."""
-    law = LtvMpc()
-    qps = problems(law)
+    qps = problems(WHOLE)
     n, m = len(qps[0].g), len(qps[0].C)
     full = sparse.csc_matrix(np.ones((m + n, n)))
     upper = sparse.triu(np.ones((n, n)), format="csc")

@@ -5,11 +5,12 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag, null_space, solve_discrete_are
 
 from controllers.condensed_qp import Condenser, Limits, Weights, riccati_terminal_weight
-from controllers.ltv import Ltv, discretise, jacobians, linearise
+from controllers.ltv import PARTS, Ltv, discretise, jacobians, linearise
 from controllers.model import Model
 
 PERIOD, K_I = 0.02, 2.0
 MODEL = Model()
+(WHOLE,) = PARTS["full"]
 LIMITS = Limits(np.array(MODEL.u_min), np.array(MODEL.u_max), np.array(MODEL.v_max))
 seeds = st.integers(0, 2**32 - 1)
 horizons = st.integers(1, 12)
@@ -31,7 +32,7 @@ class Problem:
         self.weights = Weights(np.sqrt(np.diag(self.Q)), np.diag(self.R), np.sqrt(10) * root)
 
     def condensed(self):
-        return Condenser(self.steps, LIMITS)(self.ltv, self.weights, self.x_ref, self.u_ref)
+        return Condenser(self.steps, LIMITS, WHOLE)(self.ltv, self.weights, self.x_ref, self.u_ref)
 
     def states(self, u):
         x = [self.ltv.x_nominal[0]]
@@ -99,7 +100,7 @@ def test_with_active_bounds_the_minimiser_is_the_sparse_one(seed, minimiser):
     # Nearly as fast as is allowed, and turning slowly enough to be able to stay below that.
     problem = Problem(seed, steps := 4, speed=np.array([1.0, 1.0, 1.0, 0.02]))
     limits = LIMITS._replace(v_max=1.01 * np.abs(problem.ltv.x_nominal[0, 4:8]))
-    qp = Condenser(steps, limits)(problem.ltv, problem.weights, problem.x_ref, problem.u_ref)
+    qp = Condenser(steps, limits, WHOLE)(problem.ltv, problem.weights, problem.x_ref, problem.u_ref)
     (P, p), (E, e) = problem.sparse(), problem.dynamics()
     u = minimiser(
         qp.H,
@@ -146,7 +147,7 @@ def test_a_measured_state_that_noise_has_put_over_its_limit_leaves_a_solution():
     u = np.tile([-1.0, 0.0, MODEL.u_hover[2], 0.0], (5, 1))
     ltv = linearise(MODEL, K_I, x0, u, np.zeros((6, 2)), PERIOD, "removed", "euler")
     ones = Weights(np.ones(10), np.ones(4), np.eye(10))
-    qp = Condenser(5, LIMITS)(ltv, ones, np.zeros((6, 10)), u)
+    qp = Condenser(5, LIMITS, WHOLE)(ltv, ones, np.zeros((6, 10)), u)
     # Full brake takes 0.07 m/s off in the first period.
     reached = qp.C @ u.ravel()
     assert (reached <= qp.v_high).all()
@@ -155,23 +156,41 @@ def test_a_measured_state_that_noise_has_put_over_its_limit_leaves_a_solution():
 
 @given(seeds, horizons)
 @settings(max_examples=50)
-def test_predict_is_the_linear_model(seed, steps):
-    problem, condenser = Problem(seed, steps), Condenser(steps, LIMITS)
+def test_the_response_is_the_linear_model(seed, steps):
+    problem, condenser = Problem(seed, steps), Condenser(steps, LIMITS, WHOLE)
     condenser(problem.ltv, problem.weights, problem.x_ref, problem.u_ref)
     u = np.random.default_rng(seed).uniform(LIMITS.u_min, LIMITS.u_max, (steps, 4))
     # The same products in another order; yaw of up to 10 rad.
-    np.testing.assert_allclose(condenser.predict(problem.ltv, u), problem.states(u), rtol=0, atol=1e-12)
+    departed = condenser.response(u - problem.ltv.u_nominal)
+    np.testing.assert_allclose(problem.ltv.x_nominal + departed, problem.states(u), rtol=0, atol=1e-12)
 
 
 @given(st.lists(seeds, min_size=2, max_size=4), horizons)
 @settings(max_examples=30)
 def test_a_condenser_remembers_nothing(problem_seeds, steps):
-    used = Condenser(steps, LIMITS)
+    used = Condenser(steps, LIMITS, WHOLE)
     for seed in problem_seeds:
         problem = Problem(seed, steps)
         qp = used(problem.ltv, problem.weights, problem.x_ref, problem.u_ref)
         for again, fresh in zip(qp, problem.condensed(), strict=True):
             np.testing.assert_array_equal(again, fresh)
+
+
+@given(seeds, horizons)
+@settings(max_examples=20)
+def test_matrices_that_have_not_changed_are_the_same_arrays(seed, steps):
+    problem, condenser = Problem(seed, steps), Condenser(steps, LIMITS, WHOLE)
+    first = condenser(problem.ltv, problem.weights, problem.x_ref, problem.u_ref)
+    moved = problem.ltv._replace(x_nominal=problem.ltv.x_nominal + 0.1, u_nominal=problem.ltv.u_nominal + 0.1)
+    again = condenser(moved, problem.weights, problem.x_ref, problem.u_ref)
+    assert again.H is first.H
+    assert again.C is first.C
+    fresh = Condenser(steps, LIMITS, WHOLE)(moved, problem.weights, problem.x_ref, problem.u_ref)
+    for one, other in zip(again, fresh, strict=True):
+        np.testing.assert_array_equal(one, other)
+    other = Problem(seed + 1, steps)
+    assert condenser(other.ltv, problem.weights, problem.x_ref, problem.u_ref).H is not first.H
+    assert condenser(other.ltv, other.weights, problem.x_ref, problem.u_ref).H is not first.H
 
 
 @given(seeds, horizons)
@@ -214,6 +233,6 @@ def test_one_step_of_the_plainest_model_by_hand():
     weights = Weights(np.zeros(10), np.full(4, 2.0), 2 * np.eye(10))
     x_ref = np.zeros((2, 10))
     x_ref[1, 0] = 3.0
-    qp = Condenser(1, LIMITS)(Ltv(A, B, x, np.zeros((1, 4))), weights, x_ref, np.zeros((1, 4)))
+    qp = Condenser(1, LIMITS, WHOLE)(Ltv(A, B, x, np.zeros((1, 4))), weights, x_ref, np.zeros((1, 4)))
     np.testing.assert_array_equal(qp.H, np.diag([6.0, 2.0, 2.0, 2.0]))
     np.testing.assert_array_equal(qp.g, [-8.0, 0.0, 0.0, 0.0])

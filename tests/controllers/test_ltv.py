@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import expm
 
-from controllers.ltv import discretise, jacobians, linearise, rollout, shift
+from controllers.ltv import PARTS, discretise, jacobians, linearise, rollout, shift
 from controllers.model import Model, advance
 
 PERIOD, K_I, N = 0.02, 2.0, 19
@@ -147,3 +147,22 @@ def test_the_shifted_plan_flies_the_rest_of_the_plan(seed, steps):
     again = rollout(MODEL, K_I, flown[1], shifted, path, PERIOD)
     # Integral states add up from another start: rounding.
     np.testing.assert_allclose(again[:-1], flown[1:], rtol=0, atol=1e-14)
+
+
+@given(seeds, st.sampled_from(["removed", "full"]), st.sampled_from(["euler", "exact"]))
+@settings(max_examples=30)
+def test_no_part_acts_on_another(seed, coupling, method):
+    x0, u, xy_ref = flying(seed)
+    ltv = linearise(MODEL, K_I, x0, u, xy_ref, PERIOD, coupling, method)
+    A, B = ltv.A.copy(), ltv.B.copy()
+    for part in PARTS[coupling]:
+        own = part.of(ltv)
+        np.testing.assert_array_equal(own.A, A[:, part.states[:, None], part.states])
+        np.testing.assert_array_equal(own.B, B[:, part.states[:, None], part.inputs])
+        np.testing.assert_array_equal(own.x_nominal, ltv.x_nominal[:, part.states])
+        np.testing.assert_array_equal(own.u_nominal, u[:, part.inputs])
+        A[:, part.states[:, None], part.states] = B[:, part.states[:, None], part.inputs] = 0.0
+    # Nothing is left between the parts, to the last digit.
+    assert not A.any()
+    assert not B.any()
+    assert sorted(np.concatenate([part.states for part in PARTS[coupling]])) == list(range(10))

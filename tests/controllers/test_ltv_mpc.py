@@ -127,14 +127,14 @@ def test_the_plan_is_the_minimiser_of_the_printed_problem(coupling, discretisati
 
 
 class Failing:
-    """A solver that gives up at the calls it is told to."""
+    """A solver that gives up at the calls it is told to; one solver serves a model in one part."""
 
     def __init__(self, monkeypatch, fails):
         self._fails, self._calls, self.solve_ns = fails, 0, 0
         monkeypatch.setattr(ltv_mpc, "ProxQp", self._of_steps)
 
-    def _of_steps(self, steps):
-        self._solver = ProxQp(steps)
+    def _of_steps(self, steps, inputs):
+        self._solver = ProxQp(steps, inputs)
         return self
 
     def __call__(self, qp):
@@ -153,7 +153,7 @@ def commands(spec, count, x=OFF):
 
 def test_where_no_solution_is_found_the_last_plan_is_flown_and_then_a_safe_hover(monkeypatch):
     Failing(monkeypatch, lambda call: call > 1)
-    spec = LtvMpc(horizon=4)
+    spec = LtvMpc(horizon=4, coupling="full")
     first, *rest = commands(spec, 9)
     assert first.qp.status == "solved"
     assert np.ptp(first.plan.u[:, 3]) > 0.01
@@ -167,9 +167,17 @@ def test_where_no_solution_is_found_the_last_plan_is_flown_and_then_a_safe_hover
 
 def test_one_solution_ends_the_fallback(monkeypatch):
     Failing(monkeypatch, lambda call: call in (2, 3, 5))
-    found = commands(LtvMpc(), 6)
+    found = commands(LtvMpc(coupling="full"), 6)
     assert [c.qp.status == "solved" for c in found] == [True, False, False, True, False, True]
     np.testing.assert_array_equal(found[4].u, found[3].plan.u[1])
+
+
+def test_half_a_solution_is_none(monkeypatch):
+    """Of the two parts of a step, one after the other, the second one fails from the second step on."""
+    Failing(monkeypatch, lambda call: call in (4, 5))
+    first, *rest = commands(LtvMpc(), 4)
+    assert [c.qp.status for c in rest] == ["shifted_plan", "shifted_plan", "solved"]
+    np.testing.assert_array_equal([c.u for c in rest[:2]], first.plan.u[1:3])
 
 
 def test_without_any_plan_the_feed_forward_is_flown(monkeypatch):

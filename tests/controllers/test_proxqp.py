@@ -8,7 +8,7 @@ from controllers.model import Model
 from controllers.proxqp import ProxQp
 from controllers.signals import Estimate, Reference
 
-SPEC, MODEL = LtvMpc(), Model()
+SPEC, MODEL = LtvMpc(coupling="full"), Model()
 STEPS = SPEC.steps
 AT_HOVER = np.array([0, 0, 1.0, 0, 0, 0, 0, 0])
 
@@ -20,7 +20,8 @@ def estimate(x):
 def problem(x, u_ref=MODEL.u_hover):
     """The QP of (26) from a state towards hover at 1 m."""
     reference = Reference(0, np.tile(AT_HOVER, (STEPS + 1, 1)), np.tile(u_ref, (STEPS, 1)))
-    return CondensedQp(*map(np.copy, SPEC.start().problem(estimate(x), reference)[1]))
+    (qp,) = SPEC.start().problem(estimate(x), reference)[1]
+    return CondensedQp(*map(np.copy, qp))
 
 
 def near(rng, size):
@@ -40,7 +41,7 @@ TOLERANCE = 2e-4
 @pytest.mark.parametrize("seed", range(20))
 def test_the_solution_is_the_minimiser(seed, minimiser):
     qp = problem(near(np.random.default_rng(seed), 0.4))
-    solution = ProxQp(STEPS)(qp)
+    solution = ProxQp(STEPS, 4)(qp)
     assert solution is not None
     assert not solution.softened
     expected = minimiser(qp.H, qp.g, *bounds(qp))
@@ -53,7 +54,7 @@ def test_the_solution_is_the_minimiser(seed, minimiser):
 @pytest.mark.parametrize("seed", range(20))
 def test_karush_kuhn_tucker_hold_at_the_solution(seed):
     qp = problem(near(np.random.default_rng(seed), 0.4))
-    solution = ProxQp(STEPS)(qp)
+    solution = ProxQp(STEPS, 4)(qp)
     A, b = bounds(qp)
     slack = b - A @ solution.u
     # Feasible to the solver's tolerance, inside the box to the last digit.
@@ -69,17 +70,17 @@ def test_karush_kuhn_tucker_hold_at_the_solution(seed):
 
 def test_inside_all_bounds_it_is_the_linear_equation():
     qp = problem([0.001, -0.001, 1.001, 0.001, 0, 0, 0, 0])
-    solution = ProxQp(STEPS)(qp)
+    solution = ProxQp(STEPS, 4)(qp)
     assert solution.active_bounds == 0
     np.testing.assert_allclose(solution.u, np.linalg.solve(qp.H, -qp.g), rtol=0, atol=TOLERANCE)
 
 
 def test_updated_qp_equals_fresh_qp():
     """H, g, C and all bounds change from step to step; what is left over from the last one must not show."""
-    rng, used = np.random.default_rng(1), ProxQp(STEPS)
+    rng, used = np.random.default_rng(1), ProxQp(STEPS, 4)
     for size in (0.3, 0.01, 0.4, 0.4, 0.0, 0.35):
         qp = problem(near(rng, size), u_ref=rng.uniform(MODEL.u_min, MODEL.u_max))
-        again, fresh = used(qp), ProxQp(STEPS)(qp)
+        again, fresh = used(qp), ProxQp(STEPS, 4)(qp)
         np.testing.assert_allclose(again.u, fresh.u, rtol=0, atol=TOLERANCE)
         assert again.softened == fresh.softened
 
@@ -87,7 +88,7 @@ def test_updated_qp_equals_fresh_qp():
 def test_too_fast_a_start_is_softened_by_what_it_is_too_fast():
     """4 m/s against a limit of 3 m/s."""
     qp = problem([0, 0, 1, 0, 4.0, 0, 0, 0])
-    solution = ProxQp(STEPS)(qp)
+    solution = ProxQp(STEPS, 4)(qp)
     assert solution.softened
     # Full brake takes (2 + 0.5 * 4) * 0.02 = 0.08 m/s off before the first predicted state.
     assert solution.slack == pytest.approx(0.92, abs=0.005)
@@ -98,24 +99,24 @@ def test_too_fast_a_start_is_softened_by_what_it_is_too_fast():
 
 def test_softening_leaves_the_other_axes_within_their_limits():
     qp = problem([0, 0, 1, 0, 4.0, 0, 0, 0])
-    reached = (qp.C @ ProxQp(STEPS)(qp).u).reshape(-1, 4)
+    reached = (qp.C @ ProxQp(STEPS, 4)(qp).u).reshape(-1, 4)
     # The softened QP is solved to 1e-4 in each row.
     assert (reached[:, 1:] <= qp.v_high.reshape(-1, 4)[:, 1:] + 1e-3).all()
     assert (reached[:, 1:] >= qp.v_low.reshape(-1, 4)[:, 1:] - 1e-3).all()
 
 
 def test_after_a_softened_one_the_next_is_as_good_as_new():
-    used, calm = ProxQp(STEPS), problem(near(np.random.default_rng(3), 0.3))
+    used, calm = ProxQp(STEPS, 4), problem(near(np.random.default_rng(3), 0.3))
     for _ in range(2):
         assert used(problem([0, 0, 1, 0, 4.0, -5.0, 0, 0])).softened
-        again, fresh = used(calm), ProxQp(STEPS)(calm)
+        again, fresh = used(calm), ProxQp(STEPS, 4)(calm)
         assert not again.softened
         np.testing.assert_allclose(again.u, fresh.u, rtol=0, atol=TOLERANCE)
 
 
 def test_any_start_has_an_answer_in_bounded_work():
     """Up to twice the speed limits, as nothing keeps a gust from doing."""
-    rng, solver = np.random.default_rng(0), ProxQp(STEPS)
+    rng, solver = np.random.default_rng(0), ProxQp(STEPS, 4)
     kinds = {"hard": 0, "softened": 0, "none": 0}
     for _ in range(100):
         qp = problem(near(rng, 2.0))
@@ -136,15 +137,15 @@ def test_any_start_has_an_answer_in_bounded_work():
 
 
 def test_numbers_that_are_none_have_no_solution_and_leave_no_trace():
-    used, calm = ProxQp(STEPS), problem(near(np.random.default_rng(3), 0.3))
+    used, calm = ProxQp(STEPS, 4), problem(near(np.random.default_rng(3), 0.3))
     assert used(calm._replace(g=np.full_like(calm.g, np.nan))) is None
     again = used(calm)
     assert again is not None
-    np.testing.assert_allclose(again.u, ProxQp(STEPS)(calm).u, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(again.u, ProxQp(STEPS, 4)(calm).u, rtol=0, atol=TOLERANCE)
 
 
 def test_the_time_of_a_solve_is_measured():
-    solver = ProxQp(STEPS)
+    solver = ProxQp(STEPS, 4)
     assert solver.solve_ns == 0
     solver(problem(AT_HOVER))
     assert solver.solve_ns > 0
@@ -156,6 +157,6 @@ def test_where_memory_lies_does_not_change_a_digit():
     qps = [problem(near(rng, size)) for size in (0.0, 0.3, 0.4, 1.5)]
     answers = set()
     for _ in range(30):
-        elsewhere.append((bytearray(int(rng.integers(1, 5000))), solver := ProxQp(STEPS)))
+        elsewhere.append((bytearray(int(rng.integers(1, 5000))), solver := ProxQp(STEPS, 4)))
         answers.add(b"".join(solution.u.tobytes() for solution in map(solver, qps) if solution))
     assert len(answers) == 1
