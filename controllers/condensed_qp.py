@@ -82,7 +82,8 @@ class Condenser:
         self._error = np.empty((steps, n))
         newest = [self._G[k + 1, :, m * k : m * (k + 1)] for k in range(steps)]
         self._recursion = list(zip(self._G, self._G[1:], newest, strict=False))
-        self._condensed: tuple[Ltv, Weights] | None = None
+        self._weights: Weights | None = None
+        self._matrices = b"", b""
         self._H = self._C = np.empty((0, 0))
 
     def response(self, du: Array) -> Array:
@@ -98,8 +99,10 @@ class Condenser:
             x_ref: (N + 1, n) reference states.
             u_ref: (N, m) reference inputs.
         """
-        if not self._have(ltv, w):
+        matrices = ltv.A.tobytes(), ltv.B.tobytes()
+        if w is not self._weights or matrices != self._matrices:
             self._condense(ltv, w)
+            self._weights, self._matrices = w, matrices
         error, H, C = self._error, self._H, self._C
         off = ltv.x_nominal[1:] - x_ref[1:]
         np.multiply(off[:-1], w.sqrt_Q, out=error[:-1])
@@ -109,12 +112,6 @@ class Condenser:
         g = error.ravel() @ self._S.reshape(-1, len(H)) - H @ u_nominal + (w.R * (ltv.u_nominal - u_ref)).ravel()
         offset = ltv.x_nominal[1:].take(self._velocities, axis=1).ravel() - C @ u_nominal
         return CondensedQp(H, g, C, -self._v_max - offset, self._v_max - offset, self._u_low, self._u_high)
-
-    def _have(self, ltv: Ltv, w: Weights) -> bool:
-        if self._condensed is None:
-            return False
-        last, weights = self._condensed
-        return weights is w and bool((last.A == ltv.A).all()) and bool((last.B == ltv.B).all())
 
     def _condense(self, ltv: Ltv, w: Weights) -> None:
         """The matrices: G, S = [sqrt_Q G; sqrt_Qf G_N], H = S'S + R and the velocity rows C of G."""
@@ -129,7 +126,6 @@ class Condenser:
         diagonal = H.reshape(-1)[:: len(H) + 1].reshape(n, self._m)
         diagonal += w.R
         self._C = G[1:].take(self._velocities, axis=1).reshape(len(H), len(H))
-        self._condensed = ltv, w
 
 
 def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:

@@ -1,6 +1,7 @@
 """The door to ProxSuite: dense ProxQP in a bounded time, with a softened second try."""
 
 import sys
+from math import isfinite
 from time import perf_counter_ns
 from types import ModuleType
 from typing import NamedTuple
@@ -155,7 +156,8 @@ class _Solver:
         self._qp.solve()
         self._qp.settings.initial_guess = proxqp.WARM_START_WITH_PREVIOUS_RESULT
         status = self._qp.results.info.status
-        return status == proxqp.PROXQP_SOLVED and bool(np.isfinite(self.x).all())
+        x = self.x
+        return status == proxqp.PROXQP_SOLVED and isfinite(x @ x)
 
     @property
     def x(self) -> Array:

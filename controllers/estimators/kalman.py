@@ -2,13 +2,14 @@
 
 from collections import deque
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from math import atan2, cos, isfinite, pi, sin
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.model import Input, Model, State, advance
+from controllers.model import Input, Model, State, simulator
 from controllers.signals import Array, Estimate, Pose
 
 
@@ -42,7 +43,7 @@ class KalmanFilter:
     """One flight's filter: the state at the newest pose, its covariance and the commands since."""
 
     def __init__(self, spec: Kalman, model: Model) -> None:
-        self._spec, self._model = spec, model
+        self._spec = spec
         self._delay = round(spec.command_delay * 1e9)
         self._R = np.array([spec.position_noise] * 3 + [spec.yaw_noise]) ** 2
         # [position, velocity, disturbance]' = rates [...] on each axis. Drag is taken along the world axes here: its
@@ -54,6 +55,9 @@ class KalmanFilter:
         self._walk = np.zeros((4, 3, 3))
         self._walk[:, 1, 1] = np.array([spec.velocity_walk] * 3 + [spec.yaw_rate_walk]) ** 2
         self._walk[:, 2, 2] = np.array([spec.disturbance_walk] * 3 + [spec.yaw_disturbance_walk]) ** 2
+        # Cameras and commands keep time, so that the same few durations come back.
+        self._simulator = lru_cache(64)(partial(simulator, model))
+        self._transition = lru_cache(64)(self._transition_over)
         self._acting: deque[tuple[int, Input]] = deque([(-(1 << 62), model.u_hover)])
         self._x: State | None = None
         self._d = (0.0, 0.0, 0.0, 0.0)
@@ -140,13 +144,18 @@ class KalmanFilter:
             end = min(until, pieces[i + 1][0]) if i + 1 < len(pieces) else until
             begin = max(start, since)
             if end > begin:
-                x = advance(self._model, x, u, (end - begin) * 1e-9, self._d)
+                (x,) = self._simulator((end - begin) * 1e-9)(x, (u,), self._d)
         return x
 
     def _spread(self, dt: float) -> Array:
         """The covariances (4, 3, 3), x = [position, velocity, disturbance], `dt` seconds on."""
+        F, FT, walked = self._transition(dt)
+        return F @ self._P @ FT + walked
+
+    def _transition_over(self, dt: float) -> tuple[Array, Array, Array]:
+        """F (4, 3, 3), its transposes, and the covariances (4, 3, 3) that `dt` seconds add."""
         F = np.eye(3) + dt * self._rates + (dt * dt) * self._curve
-        return F @ self._P @ F.transpose(0, 2, 1) + dt * self._walk
+        return F, F.transpose(0, 2, 1), dt * self._walk
 
 
 def heading(quat_wxyz: Array) -> float:
