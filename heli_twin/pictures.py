@@ -105,11 +105,13 @@ def flown_as_seen(log: Log) -> Log:
     w, x, y, z = quat_wxyz.T
     yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
     velocity = np.gradient(position, 1e-9 * stamps, axis=0) if len(stamps) > 1 else np.zeros_like(position)
-    pack, none = LAYOUTS["/truth"].packer(), np.zeros(4)
-    data = [
-        pack((t, position[i], quat_wxyz[i], velocity[i], none[:3], yaw[i], 0.0, none, False))
-        for i, t in enumerate(stamps.tolist())
-    ]
+    none = np.zeros(4)
+    data = LAYOUTS["/truth"].pack(
+        [
+            (t, position[i], quat_wxyz[i], velocity[i], none[:3], yaw[i], 0.0, none, False)
+            for i, t in enumerate(stamps.tolist())
+        ]
+    )
     return replace(log, messages={**log.messages, "/truth": Messages(stamps.tolist(), data)})
 
 

@@ -74,7 +74,8 @@ class PlantSpec(Protocol):
 
 
 def physical_state(truth: Truth) -> Array:
-    """The eight states of the controller's model (8,), velocities turned into the yaw frame."""
+    """The eight states of the controller's model (8,), velocities turned into the yaw frame; of many truths (n, 8)."""
     c, s = np.cos(truth.yaw), np.sin(truth.yaw)
-    vx, vy, vz = truth.velocity
-    return np.array([*truth.position, truth.yaw, c * vx + s * vy, c * vy - s * vx, vz, truth.yaw_rate])
+    x, y, z = np.moveaxis(truth.position, -1, 0)
+    vx, vy, vz = np.moveaxis(truth.velocity, -1, 0)
+    return np.stack([x, y, z, truth.yaw, c * vx + s * vy, c * vy - s * vx, vz, truth.yaw_rate], axis=-1)

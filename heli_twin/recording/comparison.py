@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from controllers.signals import Array
 from heli_twin.recording.layout import Scales, blueprint, plot, scene
 from heli_twin.recording.log import Log, Times
-from heli_twin.recording.rerun_bridge import Sink, close_stream, open_stream, send, send_rows
+from heli_twin.recording.rerun_bridge import Sink, deliver, send, send_rows
 from heli_twin.recording.rows import Rows, scalars, tracking, turned
 from heli_twin.recording.style import (
     AXES,
@@ -51,22 +51,24 @@ def show_both(a: Run, b: Run, differences: Sequence[Difference], sink: Sink) -> 
     """Show two flights as `/A` and `/B` of one recording.
 
     Raises:
-        LogError: No viewer listens, or the file cannot be written.
+        LogError: No viewer listens or answers, or the file cannot be written.
     """
     runs = [run._replace(scales=run.scales.seeing(run.log)) for run in (a, b)]
-    stream = open_stream(sink, _layout(runs, differences))
-    stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    for run, look in zip(runs, LOOKS, strict=True):
-        send_static(stream, look)
-        send(stream, run.log, run.scales, look.path(""))
-        for some in _errors(run.log, look):
+
+    def fill(stream: rr.RecordingStream) -> None:
+        stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for run, look in zip(runs, LOOKS, strict=True):
+            send_static(stream, look)
+            send(stream, run.log, run.scales, look.path(""))
+            for some in _errors(run.log, look):
+                send_rows(stream, some)
+        for some in _difference(a.log, b.log):
             send_rows(stream, some)
-    for some in _difference(a.log, b.log):
-        send_rows(stream, some)
-    _send_styles(stream)
-    text = rr.TextDocument(document(runs, differences), media_type=rr.MediaType.MARKDOWN)
-    stream.log("differences", text, static=True)
-    close_stream(stream)
+        _send_styles(stream)
+        text = rr.TextDocument(document(runs, differences), media_type=rr.MediaType.MARKDOWN)
+        stream.log("differences", text, static=True)
+
+    deliver(sink, _layout(runs, differences), fill)
 
 
 def difference(a: Log, b: Log) -> tuple[Times, Array]:

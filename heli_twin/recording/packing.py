@@ -1,18 +1,15 @@
 """Protobuf messages of fixed size as NumPy records: the key and length bytes never change, only the values between.
 
-Writing such a message is a few assignments into a buffer, and a whole column of a log is one `np.frombuffer`; the
+Writing many such messages is one assignment for each field, and a whole column of a log is one `np.frombuffer`; the
 bytes are those that the generated class would write.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor as Field
 from google.protobuf.message import Message
-
-Pack = Callable[[Iterable[Any]], bytes]
-"""Gives the message with these values, in the order of its fields."""
 
 _VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5
 _SCALARS = {
@@ -52,18 +49,17 @@ class Layout:
         self._constant = np.concatenate([np.arange(at, at + len(prefix)) for at, prefix in prefixes])
         self._prefix = np.frombuffer(self._template, np.uint8)[self._constant]
 
-    def packer(self) -> Pack:
-        """A function that writes such messages, with a buffer of its own: one for each recorder."""
-        buffer = bytearray(self._template)
-        record = np.frombuffer(buffer, self.dtype)
-        places = [record[name][0, ...] for name in self.dtype.names or ()]
-
-        def pack(values: Iterable[Any]) -> bytes:
-            for place, value in zip(places, values, strict=True):
-                place[...] = value
-            return bytes(buffer)
-
-        return pack
+    def pack(self, rows: Sequence[Iterable[Any]]) -> list[bytes]:
+        """One message for each row of values, in the order of the fields; arrays for the repeated ones."""
+        size = self.dtype.itemsize
+        buffer = bytearray(self._template * len(rows))
+        records = np.frombuffer(buffer, self.dtype)
+        for name, column in zip(self.dtype.names or (), zip(*rows, strict=True), strict=True):
+            place = records[name]
+            # Joining is the fastest way to make one array of many.
+            place[...] = column if place.ndim == 1 else np.concatenate(column).reshape(place.shape)
+        data = bytes(buffer)
+        return [data[at : at + size] for at in range(0, len(data), size)]
 
     def unpack(self, messages: Sequence[bytes | memoryview]) -> np.ndarray:
         """The values of many messages as a record array (n,).

@@ -4,7 +4,8 @@ Opened in Rerun, Foxglove or PlotJuggler the bare log shows the helicopter, its 
 from the wires and is thinned out, so it costs little.
 """
 
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
@@ -18,7 +19,8 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from controllers.signals import Array
 from heli_twin.plant import Truth, physical_state
 from heli_twin.recording import cdr
-from heli_twin.recording.schema import FRAME, LAYOUTS, plan_layout
+from heli_twin.recording.packing import Layout
+from heli_twin.recording.schema import FRAME, LAYOUTS
 from heli_twin.recording.shape import urdf
 
 BODY = "helicopter"
@@ -34,74 +36,56 @@ _MILLISECOND = 1_000_000
 TF_PERIOD, HORIZON_PERIOD, PLOT_PERIOD = 40 * _MILLISECOND, 100 * _MILLISECOND, 60 * _MILLISECOND
 """Least simulated time between two messages, ns."""
 
-Write = Callable[[str, int, bytes], None]
+Timed = tuple[str, int, bytes]
+"""Topic, log time (ns) and bytes of a message."""
 
 
 class Viewers:
-    """Derives what viewers draw from the messages it is told of, and writes it by and by.
+    """Derives what viewers draw from the messages of the wires."""
 
-    It takes the bytes of the messages and does its work for many of them at once: between two control steps, whose
-    matrices have pushed everything else out of the processor's caches, the same work takes three times as long.
-    """
-
-    def __init__(self, write: Write) -> None:
-        self._write = write
+    def __init__(self) -> None:
         self._tf_due = self._horizon_due = self._plot_due = 0
         self._truth = self._reference = b""
-        self._bodies: list[tuple[int, bytes]] = []
-        self._plots: list[tuple[int, bytes, bytes, bytes]] = []
-        self._plans: list[tuple[int, bytes, int]] = []
+        self.plan: Layout | None = None
+        """How the plans of this flight are packed, once there is one."""
 
-    def start(self) -> None:
-        """Write what is there before anything moves."""
-        self._write("/robot_description", 0, cdr.string(_URDF))
+    def description(self) -> Timed:
+        """The helicopter, before anything moves."""
+        return "/robot_description", 0, cdr.string(_URDF)
 
-    def reference_path(self, t: int, points: Array) -> None:
-        """Draw the whole path to fly, (n, 3) world, m."""
-        self._write("/view/reference_path", t, _cloud(t, points, WANTED))
+    def reference_path(self, t: int, points: Array) -> Timed:
+        """The whole path to fly, (n, 3) world, m."""
+        return "/view/reference_path", t, _cloud(t, points, WANTED)
 
-    def truth(self, t: int, data: bytes) -> None:
-        """Move the body."""
-        self._truth = data
-        if t >= self._tf_due:
-            self._tf_due = t + TF_PERIOD
-            self._bodies.append((t, data))
-
-    def reference(self, data: bytes) -> None:
-        """Remember where the helicopter should be."""
-        self._reference = data
-
-    def sent(self, t: int, data: bytes) -> None:
-        """Plot, as joints: the error in position and velocity (yaw frame) of x y z yaw, and as effort the inputs."""
-        if self._truth and self._reference and t >= self._plot_due:
-            self._plot_due = t + PLOT_PERIOD
-            self._plots.append((t, self._truth, self._reference, data))
-
-    def plan(self, t: int, data: bytes, horizon: int) -> None:
-        """Draw the predicted positions."""
-        if t >= self._horizon_due:
-            self._horizon_due = t + HORIZON_PERIOD
-            self._plans.append((t, data, horizon))
-
-    def flush(self) -> None:
-        """Write everything that it was told of."""
-        for t, data in self._bodies:
-            self._write("/tf", t, _transform(t, _read("/truth", data)))
-        for t, truth, reference, sent in self._plots:
-            error = _error(_read("/truth", truth), _read("/reference", reference)["x"])
-            u = _read("/command/sent", sent)["u"]
-            self._write("/view/error_and_input", t, _AXES.pack(t, error[:4], error[4:], u))
-        for t, data, horizon in self._plans:
-            points = np.frombuffer(data, plan_layout(horizon).dtype)[0]["x"][:, :3]
-            self._write("/view/horizon", t, _cloud(t, points, PLANNED))
-        self._bodies, self._plots, self._plans = [], [], []
+    def messages(self, batch: Sequence[Timed]) -> Iterator[Timed]:
+        """What there is to draw of the next messages of a flight."""
+        plots: list[tuple[int, bytes, bytes, bytes]] = []
+        for topic, t, data in batch:
+            if topic == "/truth":
+                self._truth = data
+                if t >= self._tf_due:
+                    self._tf_due = t + TF_PERIOD
+                    yield "/tf", t, _transform(t, data)
+            elif topic == "/reference":
+                self._reference = data
+            elif topic == "/command/sent":
+                if self._truth and self._reference and t >= self._plot_due:
+                    self._plot_due = t + PLOT_PERIOD
+                    plots.append((t, self._truth, self._reference, data))
+            elif topic == "/mpc/plan" and self.plan and t >= self._horizon_due:
+                self._horizon_due = t + HORIZON_PERIOD
+                (plan,) = np.frombuffer(data, self.plan.dtype)
+                yield "/view/horizon", t, _cloud(t, plan["x"][:, :3], PLANNED)
+        if plots:
+            yield from _error_and_input(*zip(*plots, strict=True))
 
 
-def _read(topic: str, data: bytes) -> np.void:
-    return np.frombuffer(data, LAYOUTS[topic].dtype)[0]
+def _read(topic: str, *data: bytes) -> np.ndarray:
+    return np.frombuffer(b"".join(data), LAYOUTS[topic].dtype)
 
 
-def _transform(t: int, truth: np.void) -> bytes:
+def _transform(t: int, data: bytes) -> bytes:
+    (truth,) = _read("/truth", data)
     (x, y, z), (qw, qx, qy, qz) = truth["position"].tolist(), truth["quat_wxyz"].tolist()
     message = FrameTransform(
         timestamp=timestamp(t),
@@ -113,12 +97,17 @@ def _transform(t: int, truth: np.void) -> bytes:
     return message.SerializeToString()
 
 
-def _error(truth: np.void, x_ref: Array) -> Array:
-    """Truth minus reference (8,), the yaw in [-pi, pi)."""
+def _error_and_input(
+    times: Sequence[int], truths: Sequence[bytes], references: Sequence[bytes], commands: Sequence[bytes]
+) -> Iterator[Timed]:
+    """As joints: the error in position and velocity (yaw frame) of x y z yaw, and as effort the inputs."""
+    truth = _read("/truth", *truths)
     with np.errstate(invalid="ignore"):
-        error = physical_state(Truth(*truth)) - x_ref
-        error[3] = (error[3] + np.pi) % (2 * np.pi) - np.pi
-    return error
+        columns: list[Any] = [truth[name] for name in Truth._fields]
+        error = physical_state(Truth(*columns)) - _read("/reference", *references)["x"]
+        error[:, 3] = (error[:, 3] + np.pi) % (2 * np.pi) - np.pi
+    for t, off, u in zip(times, error, _read("/command/sent", *commands)["u"], strict=True):
+        yield "/view/error_and_input", t, _AXES.pack(t, off[:4], off[4:], u)
 
 
 def timestamp(t: int) -> Timestamp:

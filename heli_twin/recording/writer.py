@@ -1,7 +1,7 @@
 """The recorder: every wire of the flight, as it happens, into one MCAP file."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Self
@@ -14,7 +14,6 @@ from heli_twin.plant import Air, Truth
 from heli_twin.recording.log import Attachment, Log
 from heli_twin.recording.log_file import LogFile
 from heli_twin.recording.mcap_stream import McapStream
-from heli_twin.recording.packing import Pack
 from heli_twin.recording.reader import read_log
 from heli_twin.recording.schema import (
     EXPERIMENT,
@@ -31,7 +30,7 @@ from heli_twin.recording.schema import (
     proto,
     sealed,
 )
-from heli_twin.recording.viewers import Viewers, timestamp
+from heli_twin.recording.viewers import Timed, Viewers, timestamp
 
 FLUSH_PERIOD = 500_000_000
 """Simulated ns between two writes to the file: what a crash can lose."""
@@ -42,11 +41,14 @@ LIBRARY = "heli_twin"
 """What wrote the file, in its header."""
 
 Listener = Callable[[str, int, bytes], None]
-"""Takes the topic, log time (ns) and bytes of every message at once; must neither block nor raise."""
+"""Takes the topic, log time (ns) and bytes of every message, at every flush; must neither block nor raise."""
 
 
 class Recorder:
     """Writes one flight, wire by wire; a method for each, its first argument the simulated time in ns.
+
+    What it is given must not change any more: it is packed at the next flush. Between two control steps, whose
+    matrices have pushed everything else out of the processor's caches, the same work would take twice as long.
 
     A flight always records: without a path into memory, so that metrics come from the same log either way. The file
     is called `NAME.mcap.part` until `close`. If it cannot be written any more the log goes on in memory, `path` becomes
@@ -79,7 +81,8 @@ class Recorder:
         self._time = 0
         self._flush_due = FLUSH_PERIOD
         self._hash = hashlib.sha256(experiment.encode())
-        self._unhashed: list[bytes] = []
+        self._waiting: list[tuple[str, int, Iterable[Any] | bytes]] = []
+        """Topic, time and values, or the whole message, of what is not packed yet."""
         self._file: LogFile | BytesIO = BytesIO() if path is None else LogFile(path)
         self._mcap = McapStream(self._file, library=LIBRARY, chunk_size=CHUNK_SIZE)
         self._mcap.metadata("heli_twin", {"format": str(FORMAT)})
@@ -91,77 +94,66 @@ class Recorder:
             self._file.discard()
             raise LogError(f"the log {path} cannot be written: make room or record to another folder")
         self._channels = {topic.name: self._mcap.channel(*topic) for topic in TOPICS}
-        self._pack = {topic: layout.packer() for topic, layout in LAYOUTS.items()}
-        self._pack_plan: Pack | None = None
-        self._viewers = Viewers(self._write)
-        self._viewers.start()
+        self._layouts = dict(LAYOUTS)
+        self._viewers = Viewers()
+        self._write([self._viewers.description()])
 
     def truth(self, t: int, truth: Truth) -> None:
         """What the helicopter does."""
-        data = self._pack["/truth"](truth)
-        self._write("/truth", t, data)
-        self._viewers.truth(t, data)
+        self._put("/truth", t, truth)
 
     def pose(self, t: int, pose: Pose) -> None:
         """What the motion capture says, at its arrival."""
-        self._write("/mocap/pose", t, self._pack["/mocap/pose"](pose))
+        self._put("/mocap/pose", t, pose)
 
     def estimate(self, t: int, estimate: Estimate) -> None:
         """What the estimator believes."""
-        self._write("/estimate", t, self._pack["/estimate"](estimate))
+        self._put("/estimate", t, estimate)
 
     def reference(self, t: int, reference: Reference) -> None:
         """Where the helicopter should be: the first row of the planned flight."""
-        data = self._pack["/reference"]((reference.stamp, reference.x[0], reference.u[0]))
-        self._write("/reference", t, data)
-        self._viewers.reference(data)
+        self._put("/reference", t, (reference.stamp, reference.x[0], reference.u[0]))
 
     def reference_path(self, t: int, points: Array) -> None:
         """The whole path to fly, (n, 3) world, m, for the eye; once, or again when it changes."""
-        self._viewers.reference_path(t, points)
+        self._put(*self._viewers.reference_path(t, points))
 
     def sent(self, t: int, command: Command) -> None:
         """What the controller asks for; its plan and report are wires of their own."""
-        data = self._pack["/command/sent"](command[:2])
-        self._write("/command/sent", t, data)
-        self._viewers.sent(t, data)
+        self._put("/command/sent", t, command[:2])
 
     def acting(self, t: int, u: Array, stamp: int = -1) -> None:
         """The input (4,) in force at the helicopter from now on, and when it was decided (-1: by no controller)."""
-        self._write("/command/acting", t, self._pack["/command/acting"]((stamp, u)))
+        self._put("/command/acting", t, (stamp, u))
 
     def plan(self, t: int, plan: Plan) -> None:
         """What the controller expects; the horizon stays the same within a flight."""
-        if self._pack_plan is None:
-            self._pack_plan = plan_layout(len(plan.u)).packer()
-        with np.errstate(over="ignore"):
-            data = self._pack_plan(plan)
-        self._write("/mpc/plan", t, data)
-        self._viewers.plan(t, data, len(plan.u))
+        if self._viewers.plan is None:
+            self._viewers.plan = self._layouts["/mpc/plan"] = plan_layout(len(plan.u))
+        self._put("/mpc/plan", t, plan)
 
     def qp(self, t: int, report: QpReport) -> None:
         """How the control problem was solved."""
-        status = code(QP_STATUS, report.status, "QP status")
-        self._write("/mpc/qp", t, self._pack["/mpc/qp"]((status, *report[1:])))
+        self._put("/mpc/qp", t, (code(QP_STATUS, report.status, "QP status"), *report[1:]))
 
     def disturbance(self, t: int, air: Air) -> None:
         """What the surroundings do to the helicopter until told otherwise."""
-        self._write("/disturbance", t, self._pack["/disturbance"](air))
+        self._put("/disturbance", t, air)
 
     def event(self, t: int, severity: str, name: str, text: str) -> None:
         """Something worth telling a person; severity is debug, info, warning, error or fatal."""
         level: Any = code(SEVERITY, severity, "severity")
         message = LogMessage(timestamp=timestamp(t), level=level, name=name, message=text)
-        self._write("/events", t, message.SerializeToString())
+        self._put("/events", t, message.SerializeToString())
 
     def timing(self, t: int, control_step_ns: int, solve_ns: int) -> None:
         """Measured times; the only message that is not part of the digest."""
-        self._write(TIMING, t, self._pack[TIMING]((control_step_ns, solve_ns)))
+        self._put(TIMING, t, (control_step_ns, solve_ns))
 
     @property
     def digest(self) -> str:
         """SHA-256 of the experiment and every message so far but the measured times."""
-        self._digest()
+        self._pack_waiting()
         return self._hash.hexdigest()
 
     def close(self, outcome: str, t: int, **ending: str) -> None:
@@ -207,23 +199,38 @@ class Recorder:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         self.close("aborted", self._time, error=repr(error) if error else "")
 
-    def _write(self, topic: str, t: int, data: bytes) -> None:
+    def _put(self, topic: str, t: int, values: Iterable[Any] | bytes) -> None:
         if t >= self._flush_due:
             self._flush_due = (t // FLUSH_PERIOD + 1) * FLUSH_PERIOD
             self._flush()
-        header = self._mcap.message(self._channels[topic], t, data)
-        if topic != TIMING:
-            self._unhashed += (header, data)
-        for listener in self.listeners:
-            listener(topic, t, data)
+        self._waiting.append((topic, t, values))
         self._time = t
 
     def _flush(self) -> None:
-        """Work that is cheaper for many messages at once, and the write to the file."""
-        self._viewers.flush()
-        self._digest()
+        self._pack_waiting()
         self._mcap.flush()
 
-    def _digest(self) -> None:
-        self._hash.update(b"".join(self._unhashed))
-        self._unhashed.clear()
+    def _pack_waiting(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        rows: dict[str, list[Iterable[Any]]] = {}
+        for topic, _, values in waiting:
+            if not isinstance(values, bytes):
+                rows.setdefault(topic, []).append(values)
+        # A number that a float32 cannot hold is an infinity there.
+        with np.errstate(over="ignore"):
+            packed = {topic: iter(self._layouts[topic].pack(values)) for topic, values in rows.items()}
+        messages = [
+            (topic, t, values if isinstance(values, bytes) else next(packed[topic])) for topic, t, values in waiting
+        ]
+        self._write(messages)
+        self._write(self._viewers.messages(messages))
+
+    def _write(self, messages: Iterable[Timed]) -> None:
+        hashed: list[bytes] = []
+        for topic, t, data in messages:
+            header = self._mcap.message(self._channels[topic], t, data)
+            if topic != TIMING:
+                hashed += (header, data)
+            for listener in self.listeners:
+                listener(topic, t, data)
+        self._hash.update(b"".join(hashed))

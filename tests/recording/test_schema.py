@@ -105,7 +105,7 @@ def test_packing_equals_protobuf(stamp: int, three: np.ndarray, many: np.ndarray
         (pb.QpReport, "/mpc/qp", (n % 5, n, -1, x, -x)),
         (pb.Timing, "/timing", (stamp, 0)),
     ]:
-        assert LAYOUTS[topic].packer()(values) == _protobuf(message, values)
+        assert LAYOUTS[topic].pack([values]) == [_protobuf(message, values)]
 
 
 @given(st.integers(1, 60), st.integers(0, 2**32 - 1))
@@ -114,7 +114,7 @@ def test_packing_a_plan_equals_protobuf(horizon: int, seed: int) -> None:
     plan = Plan(
         rng.standard_normal((horizon + 1, 10)), rng.standard_normal((horizon, 4)), rng.standard_normal((horizon, 4))
     )
-    assert plan_layout(horizon).packer()(plan) == _protobuf(pb.Plan, plan)
+    assert plan_layout(horizon).pack([plan]) == [_protobuf(pb.Plan, plan)]
 
 
 def _protobuf(message: type, values: tuple) -> bytes:
@@ -126,6 +126,6 @@ def _protobuf(message: type, values: tuple) -> bytes:
 @pytest.mark.parametrize("damage", [lambda data: data[:-1], lambda data: b"\x08" + data[1:]])
 def test_unpacking_refuses_other_messages(damage) -> None:
     layout = Layout(pb.Pose, position=(3,), quat_wxyz=(4,))
-    data = layout.packer()((1, np.zeros(3), np.zeros(4)))
+    (data,) = layout.pack([(1, np.zeros(3), np.zeros(4))])
     with pytest.raises(ValueError, match="a message"):
         layout.unpack([data, damage(data)])
