@@ -14,7 +14,7 @@ Importing this module does not load the engine; starting a flight does.
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from math import cos, sin, sqrt
 from pathlib import Path
@@ -205,9 +205,15 @@ class Twin:
 
     def description(self) -> str:
         """The MJCF that was simulated, visuals included."""
-        spec = edited(self._spec, visuals=True)
-        spec.compile()
-        return spec.to_xml()
+        return _mjcf(self._spec)
+
+
+@lru_cache(maxsize=64)
+def _mjcf(p: MuJoCo) -> str:
+    """Kept, for it takes 10 ms, and a study flies a helicopter more than once."""
+    spec = edited(p, visuals=True)
+    spec.compile()
+    return spec.to_xml()
 
 
 @cache

@@ -137,11 +137,13 @@ def _messages(data: bytes, summary: Summary, topics: Collection[str] | None) -> 
         for opcode, body in records(chunk):
             if opcode == Opcode.MESSAGE:
                 channel, _, time, _ = MESSAGE.unpack_from(body)
-                times, messages = by_channel[channel]
                 if channel in kept:
+                    times, messages = by_channel[channel]
                     times.append(time)
                     # A view would keep the whole chunk.
                     messages.append(body[MESSAGE.size :] if topics is None else bytes(body[MESSAGE.size :]))
+                elif channel not in by_channel:
+                    raise LookupError(f"a message of channel {channel}, which there is not")
     return {summary.channels[channel].topic: Messages(*by_channel[channel]) for channel in kept}
 
 
