@@ -22,12 +22,12 @@ class Kalman:
     command_delay: Annotated[float, Ge(0), Le(1), Unit("s"), doc("believed time from control step to effect")] = 0.022
     position_noise: Annotated[float, Gt(0), Unit("m"), doc("believed standard deviation of a position")] = 0.0005
     yaw_noise: Annotated[float, Gt(0), Unit("rad"), doc("believed standard deviation of a heading")] = 0.0052
-    velocity_walk: Annotated[float, Gt(0), Unit("m/s/sqrt(s)"), doc("unmodelled acceleration, white")] = 0.2
-    yaw_rate_walk: Annotated[float, Gt(0), Unit("rad/s/sqrt(s)"), doc("unmodelled yaw acceleration, white")] = 1.0
+    velocity_walk: Annotated[float, Gt(0), Unit("m/s/sqrt(s)"), doc("unmodelled acceleration, white")] = 0.05
+    yaw_rate_walk: Annotated[float, Gt(0), Unit("rad/s/sqrt(s)"), doc("unmodelled yaw acceleration, white")] = 0.3
     disturbance_walk: Annotated[float, Ge(0), Unit("m/s^2/sqrt(s)"), doc("drift of the disturbance")] = 0.2
     yaw_disturbance_walk: Annotated[float, Ge(0), Unit("rad/s^2/sqrt(s)"), doc("drift of the yaw disturbance")] = 1.0
     gate: Annotated[float, Gt(0), doc("squared innovation over its variance that refuses a pose; 10.8 is 0.1 %")] = 10.8
-    reset_after: Annotated[int, Ge(1), doc("refused poses in a row after which the filter starts anew")] = 20
+    reset_after: Annotated[int, Ge(1), doc("refused poses in a row after which the next is believed")] = 5
 
     @property
     def lead(self) -> float:
@@ -83,7 +83,7 @@ class KalmanFilter:
             return
         measured = (x, y, z, yaw)
         if self._x is None:
-            self._restart(pose.stamp, measured)
+            self._restart(pose.stamp, (*measured, 0.0, 0.0, 0.0, 0.0))
         else:
             self._fuse(pose.stamp, measured)
         self._age = now - pose.stamp
@@ -103,11 +103,11 @@ class KalmanFilter:
         """Covariances (4, 3, 3) of position, velocity and disturbance of each axis x y z yaw at `until` (ns)."""
         return self._spread(max(until - self._stamp, 0) * 1e-9)
 
-    def _restart(self, stamp: int, measured: tuple[float, float, float, float]) -> None:
-        self._x, self._stamp, self._d = (*measured, 0.0, 0.0, 0.0, 0.0), stamp, (0.0, 0.0, 0.0, 0.0)
+    def _restart(self, stamp: int, x: State) -> None:
+        self._x, self._stamp, self._d = x, stamp, (0.0, 0.0, 0.0, 0.0)
         self._P = np.zeros((4, 3, 3))
         self._P[:, 0, 0] = self._R
-        # Nothing is known of the motion yet: 1 m/s, 3 rad/s, and 0.3 m/s^2 or 3 rad/s^2 of disturbance.
+        # Nothing is sure of the motion: 1 m/s, 3 rad/s, and 0.3 m/s^2 or 3 rad/s^2 of disturbance.
         self._P[:, 1, 1] = [1.0, 1.0, 1.0, 9.0]
         self._P[:, 2, 2] = [0.09, 0.09, 0.09, 9.0]
 
@@ -124,7 +124,8 @@ class KalmanFilter:
             self._rejected_in_a_row += 1
             if self._rejected_in_a_row >= self._spec.reset_after:
                 self._rejected_in_a_row = 0
-                self._restart(stamp, (*measured[:3], x[3] + turn))
+                # The motion is still the best guess there is; only, nothing is sure any more.
+                self._restart(stamp, _corrected(x, (*innovation.tolist(),), (0.0, 0.0, 0.0, 0.0)))
             return
         self._rejected_in_a_row = 0
         K = P[:, :, 0] / S[:, None]

@@ -235,7 +235,7 @@ def test_noise_as_it_is_believed_to_be_is_not_gated():
 
 
 @pytest.mark.parametrize("reset_after", [1, 5, 20])
-def test_after_so_many_refused_poses_in_a_row_the_filter_starts_anew(reset_after):
+def test_after_so_many_refused_poses_in_a_row_the_place_is_believed_and_the_motion_kept(reset_after):
     kalman = Kalman(reset_after=reset_after, command_delay=0.0).start(MODEL)
     turned = 7 * 2 * pi + 0.5
     kalman.receive(0, pose_of(AT_REST))
@@ -244,6 +244,8 @@ def test_after_so_many_refused_poses_in_a_row_the_filter_starts_anew(reset_after
         kalman.receive(10 * k * MS, pose_of((*AT_REST[:3], 0.5 + (turned - 0.5) * k / 1000), 10 * k * MS))
     elsewhere = (1.5, -1.0, 0.5, turned + 1.0, 0, 0, 0, 0)
     now = 10_000 * MS
+    turning = kalman.estimate(now).x[7]
+    assert turning == pytest.approx(7 * 2 * pi / 10, rel=0.01)
     for _ in range(reset_after):
         assert abs(kalman.estimate(now).x[0] - AT_REST[0]) < 0.01
         now += 10 * MS
@@ -251,8 +253,10 @@ def test_after_so_many_refused_poses_in_a_row_the_filter_starts_anew(reset_after
     found = kalman.estimate(now)
     assert found.rejected == reset_after
     assert found.pose_stamp == now
-    # It is where it was just seen, at rest, with the turns it has made.
-    np.testing.assert_allclose(found.x, elsewhere, rtol=0, atol=1e-9)
+    # It is where it was just seen, with the turns it has made. It turns on, for the disturbance balances drag.
+    np.testing.assert_allclose(found.x[:4], elsewhere[:4], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.x[4:7], 0.0, rtol=0, atol=1e-9)
+    assert found.x[7] == pytest.approx(turning, rel=1e-9)
     assert not found.disturbance.any()
 
 

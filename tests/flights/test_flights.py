@@ -79,9 +79,10 @@ def test_lost_poses_do_not_end_the_flight(fault):
     inside = (pose.stamp >= begin) & (pose.stamp < begin + (100 if fault == "pose_nan" else 300) * MS)
     assert np.isnan(pose.position[inside]).all()
     assert inside.any() == (fault == "pose_nan")
-    # Every one of them was refused, and a person is told.
-    assert result.log.estimate.rejected[-1] >= inside.sum()
-    assert ("pose_rejected" in {event.name for event in result.log.events}) == (fault == "pose_nan")
+    # Every pose that is none was refused, and a person is told; of the others, one in 250 by chance.
+    refused = result.log.estimate.rejected[-1]
+    assert inside.sum() <= refused <= inside.sum() + 4
+    assert ("pose_rejected" in {event.name for event in result.log.events}) == (refused > 0)
     # 0.3 s on the model alone: a gust of 0.25 m/s through a drag of 0.5 1/s is 1 cm, and the state was known to 5 cm/s.
     assert np.abs(tracking_error(result.log, 1.5).error[:, :3]).max() < 0.12
 
