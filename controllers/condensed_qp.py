@@ -88,7 +88,7 @@ class Condenser:
 
     def response(self, du: Array) -> Array:
         """How the states (N + 1, n) of the LTV model last condensed depart under inputs that depart by du (N, m)."""
-        return (self._G.reshape(-1, du.size) @ du.ravel()).reshape(-1, self._n)
+        return self._G.reshape(-1, du.size).dot(du.ravel()).reshape(-1, self._n)
 
     def __call__(self, ltv: Ltv, w: Weights, x_ref: Array, u_ref: Array) -> CondensedQp:
         """Condense one horizon.
@@ -106,11 +106,12 @@ class Condenser:
         error, H, C = self._error, self._H, self._C
         off = ltv.x_nominal[1:] - x_ref[1:]
         np.multiply(off[:-1], w.sqrt_Q, out=error[:-1])
-        np.matmul(w.sqrt_Qf, off[-1], out=error[-1])
+        error[-1] = w.sqrt_Qf.dot(off[-1])
         u_nominal = ltv.u_nominal.ravel()
         # H holds R already, which weighs the distance from u_ref, not from u_nominal.
-        g = error.ravel() @ self._S.reshape(-1, len(H)) - H @ u_nominal + (w.R * (ltv.u_nominal - u_ref)).ravel()
-        offset = ltv.x_nominal[1:].take(self._velocities, axis=1).ravel() - C @ u_nominal
+        g = error.ravel().dot(self._S.reshape(-1, len(H))) - H.dot(u_nominal)
+        g += (w.R * (ltv.u_nominal - u_ref)).ravel()
+        offset = ltv.x_nominal[1:].take(self._velocities, axis=1).ravel() - C.dot(u_nominal)
         return CondensedQp(H, g, C, -self._v_max - offset, self._v_max - offset, self._u_low, self._u_high)
 
     def _condense(self, ltv: Ltv, w: Weights) -> None:

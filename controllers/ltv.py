@@ -100,7 +100,8 @@ def rollout(
     out[0, :8], out[1:, :8] = start, simulator(model, period)(start, u_nominal.tolist(), push)
     error = out[:, :2] - xy_ref
     out[0, 8:] = x0[8:]
-    out[1:, 8:] = x0[8:] + np.cumsum((0.5 * k_i * period) * (error[1:] + error[:-1]), axis=0)
+    error *= 0.5 * k_i * period
+    out[1:, 8:] = x0[8:] + (error[1:] + error[:-1]).cumsum(axis=0)
     return out
 
 

@@ -127,18 +127,21 @@ def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push
             # and K the turned drag, symmetric: at the start, the middle and the end of the step.
             cm, sm = cos(yaw_mid), sin(yaw_mid)
             wx, wy = c * vx - s * vy, s * vx + c * vy
-            kxx, kxy = k_y + k_difference * c * c, k_difference * c * s
+            kc = k_difference * c
+            kxx, kxy = k_y + kc * c, kc * s
             x1 = c * fx - s * fy + ax + kxx * wx + kxy * wy
             y1 = s * fx + c * fy + ay + kxy * wx + (k_sum - kxx) * wy
             gx, gy = cm * fx - sm * fy + ax, sm * fx + cm * fy + ay
-            kxx, kxy = k_y + k_difference * cm * cm, k_difference * cm * sm
+            kc = k_difference * cm
+            kxx, kxy = k_y + kc * cm, kc * sm
             kyy = k_sum - kxx
             mx, my = wx + half * x1, wy + half * y1
             x2, y2 = gx + kxx * mx + kxy * my, gy + kxy * mx + kyy * my
             mx, my = wx + half * x2, wy + half * y2
             x3, y3 = gx + kxx * mx + kxy * my, gy + kxy * mx + kyy * my
             c, s = cos(yaw), sin(yaw)
-            kxx, kxy = k_y + k_difference * c * c, k_difference * c * s
+            kc = k_difference * c
+            kxx, kxy = k_y + kc * c, kc * s
             mx, my = wx + dt * x3, wy + dt * y3
             x4 = c * fx - s * fy + ax + kxx * mx + kxy * my
             y4 = s * fx + c * fy + ay + kxy * mx + (k_sum - kxx) * my

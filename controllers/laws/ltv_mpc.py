@@ -1,7 +1,7 @@
 """The paper's controller: linear time-varying model predictive control, (10)-(26), solved by ProxQP."""
 
 from dataclasses import dataclass, field
-from math import pi
+from math import isfinite, pi
 from typing import Annotated, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from controllers.condensed_qp import CondensedQp, Condenser, Limits, Weights, ri
 from controllers.laws import safe_hover
 from controllers.ltv import (
     N_STATES,
+    NO_PUSH,
     PARTS,
     Coupling,
     Discretisation,
@@ -76,11 +77,13 @@ class LtvMpcController:
             A, B = discretise(A, B, spec.period, spec.discretisation)
             P = riccati_terminal_weight(A[0], B[0], Q, np.diag(spec.R))
             self._weights = self._weights._replace(sqrt_Qf=np.linalg.cholesky(P).T)
-        self._shares = [_Share(part, spec.steps, self._limits, self._weights) for part in PARTS[spec.coupling]]
+        parts = PARTS[spec.coupling]
+        self._shares = [_Share(part, spec.steps, self._limits, self._weights) for part in parts]
+        self._state_order = np.argsort(np.concatenate([part.states for part in parts]))
+        self._input_order = np.argsort(np.concatenate([part.inputs for part in parts]))
         self._u_nominal: Array | None = None
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
         self._unsolved = 0
-        self._cancelled = np.array(_CANCELLED[spec.offset_free])
 
     def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
         """Solve (26) from the estimate and send the first input of the plan.
@@ -88,7 +91,7 @@ class LtvMpcController:
         Where the QP is infeasible or does not converge in time, its velocity bounds are softened; where that
         fails too, the last plan is flown on, and after its end a level hover is commanded.
         """
-        if not np.isfinite(estimate.x).all():
+        if not all(map(isfinite, estimate.x.tolist())):
             return safe_hover(self._spec.model, now)
         ltv, qps = self.problem(estimate, reference)
         solutions = [share.solver(qp) for share, qp in zip(self._shares, qps, strict=True)]
@@ -97,9 +100,7 @@ class LtvMpcController:
         u, x = ltv.u_nominal, ltv.x_nominal
         if len(solved) == len(solutions):
             self._unsolved = 0
-            u, x = u.copy(), x.copy()
-            for share, solution in zip(self._shares, solved, strict=True):
-                share.put(solution, u, x)
+            u, x = self._planned(ltv, solved)
         else:
             self._unsolved += 1
             if self._unsolved > self._spec.steps:
@@ -107,6 +108,15 @@ class LtvMpcController:
             solved = []
         self._u_nominal = shift(u)
         return Command(now, u[0], Plan(x, u, ltv.u_nominal), _report(solved), solve_ns)
+
+    def _planned(self, ltv: Ltv, solutions: list[Solution]) -> tuple[Array, Array]:
+        """The inputs (N, 4) that the parts' solutions are together, and the states (N + 1, 10) that they lead to."""
+        steps = self._spec.steps
+        u = np.concatenate([solution.u.reshape(steps, -1) for solution in solutions], axis=1)
+        u = u.take(self._input_order, axis=1)
+        du = u - ltv.u_nominal
+        moved = [share.condenser.response(du.take(share.part.inputs, axis=1)) for share in self._shares]
+        return u, ltv.x_nominal + np.concatenate(moved, axis=1).take(self._state_order, axis=1)
 
     def linearise_along(self, u_nominal: Array) -> None:
         """Take these nominal inputs (N, 4) in the next step, not the shifted last plan: those of a log, for one."""
@@ -121,10 +131,14 @@ class LtvMpcController:
         x_ref = np.zeros((spec.steps + 1, N_STATES))
         x_ref[:, :8] = reference.x
         # The estimate counts turns from the first pose it saw, the plan from its own start.
-        x_ref[:, 3] += 2.0 * pi * round((estimate.x[3] - reference.x[0, 3]) / (2.0 * pi))
-        push, u_ref = self._cancelled * estimate.disturbance, reference.u
-        if push.any():
-            u_ref = u_ref - _as_input(spec.model, push, reference.x[:-1, 3])
+        turns = round(float(estimate.x[3] - reference.x[0, 3]) / (2.0 * pi))
+        if turns:
+            x_ref[:, 3] += 2.0 * pi * turns
+        push, u_ref = NO_PUSH, reference.u
+        if spec.offset_free != "off":
+            cancelled = _CANCELLED[spec.offset_free] * estimate.disturbance
+            ax, ay, az, a_yaw = cancelled.tolist()
+            push, u_ref = (ax, ay, az, a_yaw), u_ref - _as_input(spec.model, cancelled, reference.x[:-1, 3])
         u_nominal = self._u_nominal
         if u_nominal is None:
             u_nominal = np.clip(u_ref, self._limits.u_min, self._limits.u_max)
@@ -137,7 +151,7 @@ class LtvMpcController:
             spec.period,
             spec.coupling,
             spec.discretisation,
-            tuple(push.tolist()),
+            push,
         )
         if spec.terminal == "riccati":
             turned = self._turned_weights(ltv)
@@ -158,23 +172,17 @@ class _Share:
 
     def __init__(self, part: Part, steps: int, limits: Limits, weights: Weights) -> None:
         self.part, self.weights = part, weights.of(part)
-        self._condenser = Condenser(steps, Limits(*(bound[part.inputs] for bound in limits)), part)
+        self.condenser = Condenser(steps, Limits(*(bound[part.inputs] for bound in limits)), part)
         self.solver = ProxQp(steps, len(part.inputs))
 
     def condense(self, ltv: Ltv, weights: Weights, x_ref: Array, u_ref: Array) -> CondensedQp:
         """The QP of this part; arguments but the weights are those of the whole model."""
         part = self.part
         x_ref, u_ref = x_ref.take(part.states, axis=1), u_ref.take(part.inputs, axis=1)
-        return self._condenser(part.of(ltv), weights, x_ref, u_ref)
-
-    def put(self, solution: Solution, u: Array, x: Array) -> None:
-        """Turn nominal inputs (N, 4) and states (N + 1, 10) into planned ones where they are this part's."""
-        planned = solution.u.reshape(len(u), -1)
-        x[:, self.part.states] += self._condenser.response(planned - u.take(self.part.inputs, axis=1))
-        u[:, self.part.inputs] = planned
+        return self.condenser(part.of(ltv), weights, x_ref, u_ref)
 
 
-_CANCELLED = {"off": (0.0, 0.0, 0.0, 0.0), "z": (0.0, 0.0, 1.0, 0.0), "all": (1.0, 1.0, 1.0, 1.0)}
+_CANCELLED = {"z": np.array([0.0, 0.0, 1.0, 0.0]), "all": np.ones(4)}
 """Share of the disturbances x y z yaw that `offset_free` takes into account."""
 
 
