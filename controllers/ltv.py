@@ -75,106 +75,102 @@ def shift(u: Array) -> Array:
     return np.concatenate([u[1:], u[-1:]])
 
 
-def rollout(
-    model: Model, k_i: float, x0: Array, u_nominal: Array, xy_ref: Array, period: float, push: Push = NO_PUSH
-) -> Array:
-    """The nonlinear model under the nominal inputs, (10)-(13).
-
-    The integral states follow the trapezoidal rule, as the controller's own integrals do.
+class Linearisation:
+    """The nonlinear model along nominal inputs, and what is linear about it there: (10)-(23).
 
     Args:
         model: Believed parameters.
         k_i: Gain of the integral states in (1), 1/s.
-        x0: (10,) newest state.
-        u_nominal: (N, 4) nominal inputs.
-        xy_ref: (N + 1, 2) reference position, m.
         period: Sampling period, s.
-        push: Acceleration beyond the model's, taken to last: x y z (world, m/s^2), yaw (rad/s^2).
-
-    Returns:
-        (N + 1, 10) nominal states.
+        coupling: `removed` is the variant that the paper flew: position and body velocity in the plane do not depend
+            on yaw and yaw rate; only the rotation by the nominal yaw stays.
+        discretisation: `euler`, the paper's, or `exact`, the matrix exponential.
     """
-    px, py, pz, yaw, vx, vy, vz, r, *_ = x0.tolist()
-    start: State = (px, py, pz, yaw, vx, vy, vz, r)
-    out = np.empty((len(u_nominal) + 1, N_STATES))
-    out[0, :8], out[1:, :8] = start, simulator(model, period)(start, u_nominal.tolist(), push)
-    error = out[:, :2] - xy_ref
-    out[0, 8:] = x0[8:]
-    error *= 0.5 * k_i * period
-    out[1:, 8:] = x0[8:] + (error[1:] + error[:-1]).cumsum(axis=0)
-    return out
 
+    def __init__(
+        self, model: Model, k_i: float, period: float, coupling: Coupling, discretisation: Discretisation
+    ) -> None:
+        self._k_i, self._period, self._coupling, self._discretisation = k_i, period, coupling, discretisation
+        self._simulate = simulator(model, period)
+        self._constant = A = np.zeros((N_STATES, N_STATES))
+        A[2, 6] = A[3, 7] = 1.0
+        A[4, 4], A[5, 5], A[7, 7] = model.k_x, model.k_y, model.k_yaw
+        A[8, 0] = A[9, 1] = k_i
+        self._B = B = np.zeros((N_STATES, N_INPUTS))
+        B[4, 0], B[5, 1], B[6, 2], B[7, 3] = model.b_x, model.b_y, model.b_z, model.b_yaw
 
-def jacobians(model: Model, k_i: float, x: Array, coupling: Coupling) -> tuple[Array, Array]:
-    """Continuous-time Jacobians of (1) at the states x (n, 10), (15).
+    def __call__(self, x0: Array, u_nominal: Array, xy_ref: Array, push: Push = NO_PUSH) -> Ltv:
+        """The LTV model along the nominal inputs from the newest state; arguments as in `rollout`."""
+        x_nominal = self.rollout(x0, u_nominal, xy_ref, push)
+        A, B = self.discretise(*self.jacobians(x_nominal[:-1]))
+        return Ltv(A, B, x_nominal, u_nominal)
 
-    `coupling="removed"` is the variant that the paper flew: position and body velocity in the plane do not
-    depend on yaw and yaw rate; only the rotation by the nominal yaw stays.
+    def rollout(self, x0: Array, u_nominal: Array, xy_ref: Array, push: Push = NO_PUSH) -> Array:
+        """The nonlinear model under the nominal inputs, (10)-(13).
 
-    Returns:
-        A (n, 10, 10) and B (10, 4), which is the same at every state.
-    """
-    A = np.zeros((len(x), N_STATES, N_STATES))
-    yaw, vx, vy, r = x[:, 3], x[:, 4], x[:, 5], x[:, 7]
-    c, s = np.cos(yaw), np.sin(yaw)
-    A[:, 0, 4] = A[:, 1, 5] = c
-    A[:, 0, 5] = -s
-    A[:, 1, 4] = s
-    A[:, 2, 6] = A[:, 3, 7] = 1.0
-    A[:, 4, 4] = model.k_x
-    A[:, 5, 5] = model.k_y
-    A[:, 7, 7] = model.k_yaw
-    A[:, 8, 0] = A[:, 9, 1] = k_i
-    if coupling == "full":
-        A[:, 0, 3] = -s * vx - c * vy
-        A[:, 1, 3] = c * vx - s * vy
-        A[:, 4, 5], A[:, 4, 7] = r, vy
-        A[:, 5, 4], A[:, 5, 7] = -r, -vx
-    B = np.zeros((N_STATES, N_INPUTS))
-    B[4, 0], B[5, 1], B[6, 2], B[7, 3] = model.b_x, model.b_y, model.b_z, model.b_yaw
-    return A, B
+        The integral states follow the trapezoidal rule, as the controller's own integrals do.
+
+        Args:
+            x0: (10,) newest state.
+            u_nominal: (N, 4) nominal inputs.
+            xy_ref: (N + 1, 2) reference position, m.
+            push: Acceleration beyond the model's, taken to last: x y z (world, m/s^2), yaw (rad/s^2).
+
+        Returns:
+            (N + 1, 10) nominal states.
+        """
+        px, py, pz, yaw, vx, vy, vz, r, *_ = x0.tolist()
+        start: State = (px, py, pz, yaw, vx, vy, vz, r)
+        out = np.empty((len(u_nominal) + 1, N_STATES))
+        out[0, :8], out[1:, :8] = start, self._simulate(start, u_nominal.tolist(), push)
+        error = out[:, :2] - xy_ref
+        error *= 0.5 * self._k_i * self._period
+        out[0, 8:] = x0[8:]
+        out[1:, 8:] = x0[8:] + (error[1:] + error[:-1]).cumsum(axis=0)
+        return out
+
+    def jacobians(self, x: Array) -> tuple[Array, Array]:
+        """Continuous-time Jacobians of (1) at the states x (n, 10), (15).
+
+        Returns:
+            A (n, 10, 10) and B (10, 4), which is the same at every state.
+        """
+        A = np.empty((len(x), N_STATES, N_STATES))
+        A[...] = self._constant
+        yaw = x[:, 3]
+        c, s = np.cos(yaw), np.sin(yaw)
+        A[:, 0, 4] = A[:, 1, 5] = c
+        A[:, 0, 5] = -s
+        A[:, 1, 4] = s
+        if self._coupling == "full":
+            vx, vy, r = x[:, 4], x[:, 5], x[:, 7]
+            A[:, 0, 3] = -s * vx - c * vy
+            A[:, 1, 3] = c * vx - s * vy
+            A[:, 4, 5], A[:, 4, 7] = r, vy
+            A[:, 5, 4], A[:, 5, 7] = -r, -vx
+        return A, self._B
+
+    def discretise(self, A: Array, B: Array) -> tuple[Array, Array]:
+        """Discrete matrices (17) of continuous ones under a held input.
+
+        Args:
+            A: (n, 10, 10).
+            B: (10, 4).
+
+        Returns:
+            (n, 10, 10) and (n, 10, 4).
+        """
+        step = self._period * A
+        if self._discretisation == "euler":
+            held = np.empty((len(A), *B.shape))
+            held[...] = self._period * B
+            return _EYE + step, held
+        # exp(M) and its integral by Horner's rule: at a 20 ms period the norm of M stays below 1 within the speed
+        # limits, where 16 terms leave less than 1e-14.
+        integral = np.broadcast_to(_EYE, A.shape)
+        for term in range(16, 1, -1):
+            integral = _EYE + step @ integral / term
+        return _EYE + step @ integral, integral @ (self._period * B)
 
 
 _EYE = np.eye(N_STATES)
-
-
-def discretise(A: Array, B: Array, period: float, method: Discretisation) -> tuple[Array, Array]:
-    """Discrete matrices (17) of continuous ones under a held input.
-
-    Args:
-        A: (n, 10, 10).
-        B: (10, 4).
-        period: s.
-        method: `euler`, the paper's, or `exact`, the matrix exponential.
-
-    Returns:
-        (n, 10, 10) and (n, 10, 4).
-    """
-    step = period * A
-    if method == "euler":
-        held = np.empty((len(A), *B.shape))
-        held[...] = period * B
-        return _EYE + step, held
-    # exp(M) and its integral by Horner's rule: at a 20 ms period the norm of M stays below 1 within the speed
-    # limits, where 16 terms leave less than 1e-14.
-    integral = np.broadcast_to(_EYE, A.shape)
-    for term in range(16, 1, -1):
-        integral = _EYE + step @ integral / term
-    return _EYE + step @ integral, integral @ (period * B)
-
-
-def linearise(
-    model: Model,
-    k_i: float,
-    x0: Array,
-    u_nominal: Array,
-    xy_ref: Array,
-    period: float,
-    coupling: Coupling,
-    discretisation: Discretisation,
-    push: Push = NO_PUSH,
-) -> Ltv:
-    """The LTV model along the nominal inputs from the newest state, (10)-(23); arguments as in `rollout`."""
-    x_nominal = rollout(model, k_i, x0, u_nominal, xy_ref, period, push)
-    A, B = discretise(*jacobians(model, k_i, x_nominal[:-1], coupling), period, discretisation)
-    return Ltv(A, B, x_nominal, u_nominal)

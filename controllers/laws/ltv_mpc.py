@@ -9,19 +9,7 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.condensed_qp import CondensedQp, Condenser, Limits, Weights, riccati_terminal_weight
 from controllers.laws import safe_hover
-from controllers.ltv import (
-    N_STATES,
-    NO_PUSH,
-    PARTS,
-    Coupling,
-    Discretisation,
-    Ltv,
-    Part,
-    discretise,
-    jacobians,
-    linearise,
-    shift,
-)
+from controllers.ltv import N_STATES, NO_PUSH, PARTS, Coupling, Discretisation, Linearisation, Ltv, Part, shift
 from controllers.model import Model
 from controllers.proxqp import ProxQp, Solution
 from controllers.signals import Array, Command, Estimate, Plan, QpReport, Reference
@@ -70,11 +58,12 @@ class LtvMpcController:
         self._spec = spec
         model = spec.model
         self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max))
+        self._linearise = Linearisation(model, spec.k_i, spec.period, spec.coupling, spec.discretisation)
         Q = np.diag(spec.Q)
         self._weights = Weights(np.sqrt(np.array(spec.Q)), np.array(spec.R), np.sqrt(Q))
         if spec.terminal == "riccati":
-            A, B = jacobians(model, spec.k_i, np.zeros((1, N_STATES)), "removed")
-            A, B = discretise(A, B, spec.period, spec.discretisation)
+            level = Linearisation(model, spec.k_i, spec.period, "removed", spec.discretisation)
+            A, B = level.discretise(*level.jacobians(np.zeros((1, N_STATES))))
             P = riccati_terminal_weight(A[0], B[0], Q, np.diag(spec.R))
             self._weights = self._weights._replace(sqrt_Qf=np.linalg.cholesky(P).T)
         parts = PARTS[spec.coupling]
@@ -142,17 +131,7 @@ class LtvMpcController:
         u_nominal = self._u_nominal
         if u_nominal is None:
             u_nominal = np.clip(u_ref, self._limits.u_min, self._limits.u_max)
-        ltv = linearise(
-            spec.model,
-            spec.k_i,
-            np.concatenate([estimate.x, self._integral]),
-            u_nominal,
-            reference.x[:, :2],
-            spec.period,
-            spec.coupling,
-            spec.discretisation,
-            push,
-        )
+        ltv = self._linearise(np.concatenate([estimate.x, self._integral]), u_nominal, reference.x[:, :2], push)
         if spec.terminal == "riccati":
             turned = self._turned_weights(ltv)
             return ltv, [share.condense(ltv, turned.of(share.part), x_ref, u_ref) for share in self._shares]

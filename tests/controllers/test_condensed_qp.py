@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag, null_space, solve_discrete_are
 
 from controllers.condensed_qp import Condenser, Limits, Weights, riccati_terminal_weight
-from controllers.ltv import PARTS, Ltv, discretise, jacobians, linearise
+from controllers.ltv import PARTS, Linearisation, Ltv
 from controllers.model import Model
 
 PERIOD, K_I = 0.02, 2.0
@@ -24,7 +24,8 @@ class Problem:
         x0 = rng.uniform(-1, 1, 10) * [1, 1, 1, 3, *(speed * LIMITS.v_max), 0.5, 0.5]
         u = rng.uniform(LIMITS.u_min, LIMITS.u_max, (steps, 4))
         self.steps = steps
-        self.ltv = linearise(MODEL, K_I, x0, u, rng.uniform(-1, 1, (steps + 1, 2)), PERIOD, "full", "euler")
+        linearise = Linearisation(MODEL, K_I, PERIOD, "full", "euler")
+        self.ltv = linearise(x0, u, rng.uniform(-1, 1, (steps + 1, 2)))
         self.x_ref = self.ltv.x_nominal + rng.uniform(-1, 1, (steps + 1, 10))
         self.u_ref = rng.uniform(LIMITS.u_min, LIMITS.u_max, (steps, 4))
         root = rng.uniform(-1, 1, (10, 10))
@@ -145,7 +146,7 @@ def test_its_rows_are_the_predicted_velocities_within_their_limits(seed, steps):
 def test_a_measured_state_that_noise_has_put_over_its_limit_leaves_a_solution():
     x0 = np.array([0, 0, 1, 0, 3.03, 0, 0, 0, 0, 0])
     u = np.tile([-1.0, 0.0, MODEL.u_hover[2], 0.0], (5, 1))
-    ltv = linearise(MODEL, K_I, x0, u, np.zeros((6, 2)), PERIOD, "removed", "euler")
+    ltv = Linearisation(MODEL, K_I, PERIOD, "removed", "euler")(x0, u, np.zeros((6, 2)))
     ones = Weights(np.ones(10), np.ones(4), np.eye(10))
     qp = Condenser(5, LIMITS, WHOLE)(ltv, ones, np.zeros((6, 10)), u)
     # Full brake takes 0.07 m/s off in the first period.
@@ -206,8 +207,8 @@ def test_the_hessian_is_symmetric_and_convex(seed, steps):
 
 @pytest.mark.parametrize("method", ["euler", "exact"])
 def test_the_riccati_weight_is_the_cost_to_go(method):
-    A, B = jacobians(MODEL, K_I, np.zeros((1, 10)), "removed")
-    A, B = discretise(A, B, PERIOD, method)
+    level = Linearisation(MODEL, K_I, PERIOD, "removed", method)
+    A, B = level.discretise(*level.jacobians(np.zeros((1, 10))))
     A, B, Q, R = A[0], B[0], np.diag([50.0, 50, 5, 10, 3, 3, 1, 2, 15, 15]), 2 * np.eye(4)
     P = riccati_terminal_weight(A, B, Q, R)
     # Both solvers lose some five digits of a cost-to-go that integrates over a hundred steps.

@@ -5,12 +5,16 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import expm
 
-from controllers.ltv import PARTS, discretise, jacobians, linearise, rollout, shift
+from controllers.ltv import PARTS, Linearisation, shift
 from controllers.model import Model, advance
 
 PERIOD, K_I, N = 0.02, 2.0, 19
 MODEL = Model()
 seeds = st.integers(0, 2**32 - 1)
+
+
+def along(coupling="full", discretisation="euler", period=PERIOD):
+    return Linearisation(MODEL, K_I, period, coupling, discretisation)
 
 
 def flying(seed, steps=N):
@@ -25,7 +29,7 @@ def flying(seed, steps=N):
 @settings(max_examples=50)
 def test_the_rollout_is_the_model_flown_step_by_step(seed, steps):
     x0, u, xy_ref = flying(seed, steps)
-    flown = rollout(MODEL, K_I, x0, u, xy_ref, PERIOD)
+    flown = along().rollout(x0, u, xy_ref)
     x = tuple(x0[:8])
     np.testing.assert_array_equal(flown[0], x0)
     for k in range(steps):
@@ -38,7 +42,7 @@ def test_the_rollout_is_the_model_flown_step_by_step(seed, steps):
 @settings(max_examples=50)
 def test_the_integral_states_are_trapezoids_of_the_error(seed):
     x0, u, xy_ref = flying(seed)
-    flown = rollout(MODEL, K_I, x0, u, xy_ref, PERIOD)
+    flown = along().rollout(x0, u, xy_ref)
     area = cumulative_trapezoid(K_I * (flown[:, :2] - xy_ref), dx=PERIOD, axis=0, initial=0)
     # Sums of twenty terms below 1 m s.
     np.testing.assert_allclose(flown[:, 8:], x0[8:] + area, rtol=0, atol=1e-14)
@@ -48,8 +52,9 @@ def test_the_integral_states_are_trapezoids_of_the_error(seed):
 @settings(max_examples=50)
 def test_exact_discretisation_is_the_matrix_exponential(seed, coupling, period):
     x = np.stack([flying(seed + i)[0] for i in range(3)])
-    A, B = jacobians(MODEL, K_I, x, coupling)
-    A_exact, B_exact = discretise(A, B, period, "exact")
+    exact = along(coupling, "exact", period)
+    A, B = exact.jacobians(x)
+    A_exact, B_exact = exact.discretise(A, B)
     for k in range(3):
         held = expm(period * np.block([[A[k], B], [np.zeros((4, 14))]]))
         # Both are good to a few digits of entries of order 1.
@@ -58,15 +63,16 @@ def test_exact_discretisation_is_the_matrix_exponential(seed, coupling, period):
 
 
 def test_euler_is_the_first_order_of_exact():
-    A, B = jacobians(MODEL, K_I, flying(3)[0][None], "full")
-    A_euler, B_euler = discretise(A, B, PERIOD, "euler")
+    A, B = along().jacobians(flying(3)[0][None])
+    A_euler, B_euler = along().discretise(A, B)
     # (17) to the letter: one product and one sum.
     np.testing.assert_allclose(A_euler[0], np.eye(10) + PERIOD * A[0], rtol=0, atol=1e-15)
     np.testing.assert_allclose(B_euler[0], PERIOD * B, rtol=0, atol=1e-15)
     off = []
     for period in (1e-3, 0.5e-3):
-        pairs = zip(discretise(A, B, period, "euler"), discretise(A, B, period, "exact"), strict=True)
-        off.append([np.abs(euler - exact).max() for euler, exact in pairs])
+        euler, exact = along(period=period), along(discretisation="exact", period=period)
+        pairs = zip(euler.discretise(A, B), exact.discretise(A, B), strict=True)
+        off.append([np.abs(one - other).max() for one, other in pairs])
     # What is left is of second order: a quarter at half the period, and 2 % of third order (25 rad/s times 1 ms).
     np.testing.assert_allclose(np.divide(*off), 4.0, rtol=0.03)
 
@@ -82,8 +88,8 @@ def prediction(ltv, u):
 @settings(max_examples=30)
 def test_the_linear_model_passes_through_the_nominal_flight(seed, coupling, discretisation):
     x0, u, xy_ref = flying(seed)
-    ltv = linearise(MODEL, K_I, x0, u, xy_ref, PERIOD, coupling, discretisation)
-    np.testing.assert_array_equal(ltv.x_nominal, rollout(MODEL, K_I, x0, u, xy_ref, PERIOD))
+    ltv = along(coupling, discretisation)(x0, u, xy_ref)
+    np.testing.assert_array_equal(ltv.x_nominal, along().rollout(x0, u, xy_ref))
     np.testing.assert_array_equal(prediction(ltv, u), ltv.x_nominal)
 
 
@@ -96,11 +102,11 @@ def test_along_steady_flight_the_error_is_of_second_order_in_the_input(seed):
     x0 = np.array([*rng.uniform(-1, 1, 3), rng.uniform(-3, 3), vx, vy, 0, 0, 0, 0])
     steady = (-MODEL.k_x * vx / MODEL.b_x, -MODEL.k_y * vy / MODEL.b_y, MODEL.u_hover[2], 0.0)
     u, xy_ref = np.tile(steady, (N, 1)), np.zeros((N + 1, 2))
-    ltv = linearise(MODEL, K_I, x0, u, xy_ref, PERIOD, "full", "exact")
+    ltv = along("full", "exact")(x0, u, xy_ref)
     du = rng.uniform(-0.02, 0.02, (N, 4))
     errors = []
     for scale in (1.0, 0.5):
-        flown = rollout(MODEL, K_I, x0, u + scale * du, xy_ref, PERIOD)
+        flown = along().rollout(x0, u + scale * du, xy_ref)
         # The integral states are trapezoids, which differ from the exact integral in the first order.
         errors.append(np.abs(flown - prediction(ltv, u + scale * du))[:, :8].max())
     # A quarter; the third order adds up to 0.1, a turn of rad, times its share.
@@ -114,8 +120,8 @@ def test_along_any_flight_the_error_of_the_slope_shrinks_with_the_period(discret
         x0, u, xy_ref = flying(5)
         u, xy_ref, period = np.repeat(u, refine, axis=0), np.zeros((N * refine + 1, 2)), PERIOD / refine
         du = 1e-5 * np.repeat(flying(6)[1], refine, axis=0)
-        ltv = linearise(MODEL, K_I, x0, u, xy_ref, period, "full", discretisation)
-        up, down = (rollout(MODEL, K_I, x0, u + s * du, xy_ref, period) for s in (1, -1))
+        ltv = along("full", discretisation, period)(x0, u, xy_ref)
+        up, down = (along(period=period).rollout(x0, u + s * du, xy_ref) for s in (1, -1))
         slope = prediction(ltv, u + du) - ltv.x_nominal
         off.append(np.abs(0.5 * (up - down) - slope)[-1].max())
     # First order: half at half the period, and a tenth of that in higher orders.
@@ -125,11 +131,8 @@ def test_along_any_flight_the_error_of_the_slope_shrinks_with_the_period(discret
 def test_removed_coupling_does_not_see_what_yaw_does_to_the_path():
     x0, u, xy_ref = flying(7)
     turned = u + np.array([0, 0, 0, 0.01])
-    removed, full = (
-        prediction(linearise(MODEL, K_I, x0, u, xy_ref, PERIOD, coupling, "euler"), turned)
-        for coupling in ("removed", "full")
-    )
-    nominal = rollout(MODEL, K_I, x0, u, xy_ref, PERIOD)
+    removed, full = (prediction(along(coupling)(x0, u, xy_ref), turned) for coupling in ("removed", "full"))
+    nominal = along().rollout(x0, u, xy_ref)
     plane, rest = [0, 1, 4, 5, 8, 9], [2, 3, 6, 7]
     np.testing.assert_array_equal(removed[:, plane], nominal[:, plane])
     assert np.abs(full[:, plane] - nominal[:, plane]).max() > 1e-3
@@ -143,8 +146,8 @@ def test_the_shifted_plan_flies_the_rest_of_the_plan(seed, steps):
     # (25): the first input is flown, the last one is flown twice.
     np.testing.assert_array_equal(shifted[:-1], u[1:])
     np.testing.assert_array_equal(shifted[-1], u[-1])
-    flown = rollout(MODEL, K_I, x0, u, path, PERIOD)
-    again = rollout(MODEL, K_I, flown[1], shifted, path, PERIOD)
+    flown = along().rollout(x0, u, path)
+    again = along().rollout(flown[1], shifted, path)
     # Integral states add up from another start: rounding.
     np.testing.assert_allclose(again[:-1], flown[1:], rtol=0, atol=1e-14)
 
@@ -153,7 +156,7 @@ def test_the_shifted_plan_flies_the_rest_of_the_plan(seed, steps):
 @settings(max_examples=30)
 def test_no_part_acts_on_another(seed, coupling, method):
     x0, u, xy_ref = flying(seed)
-    ltv = linearise(MODEL, K_I, x0, u, xy_ref, PERIOD, coupling, method)
+    ltv = along(coupling, method)(x0, u, xy_ref)
     A, B = ltv.A.copy(), ltv.B.copy()
     for part in PARTS[coupling]:
         own = part.of(ltv)

@@ -9,7 +9,7 @@ from scipy.linalg import expm, null_space
 from controllers.flatness import feed_forward, state
 from controllers.laws import ltv_mpc
 from controllers.laws.ltv_mpc import LtvMpc
-from controllers.ltv import jacobians
+from controllers.ltv import Linearisation
 from controllers.model import Model, advance
 from controllers.proxqp import ProxQp
 from controllers.signals import Estimate, Reference
@@ -67,7 +67,7 @@ class Transcription:
             nominal.append(np.append(moved, nominal[k][8:] + 0.5 * PERIOD * spec.k_i * sum(off)))
         E, e = np.zeros((10 * n, 14 * n)), np.zeros(10 * n)
         for k in range(n):
-            A, B = jacobians(MODEL, spec.k_i, nominal[k][None], spec.coupling)
+            A, B = Linearisation(MODEL, spec.k_i, PERIOD, spec.coupling, "euler").jacobians(nominal[k][None])
             A, B = self.discrete(A[0], B, spec.discretisation)
             # (22): what the linear model is off at the nominal point.
             d = nominal[k + 1] - A @ nominal[k] - B @ reference.u[k]
