@@ -21,18 +21,23 @@ class TrackingError(NamedTuple):
     """(n,) s."""
     error: Array
     """(n, 4) x y z (world, m), yaw (rad, in [-pi, pi))."""
+    reference: Array
+    """(n, 4) what the error is of: x y z (world, m), yaw (rad)."""
 
 
 def tracking_error(log: Log, after: float = 0.0) -> TrackingError:
     """Where the helicopter was, minus where it should have been, at every control step from `after` (s) on."""
     truth, reference = log.truth, log.reference
-    _, of_truth, of_reference = np.intersect1d(truth.stamp, reference.stamp, return_indices=True)
-    flown = np.column_stack([truth.position, truth.yaw])[of_truth]
-    error = flown - reference.x[of_reference, :4]
+    stamp, planned, flown = truth.stamp, reference.x[:, :4], np.column_stack([truth.position, truth.yaw])
+    if not np.array_equal(stamp, reference.stamp):
+        # Of a log with gaps.
+        stamp, of_truth, of_reference = np.intersect1d(stamp, reference.stamp, return_indices=True)
+        planned, flown = planned[of_reference], flown[of_truth]
+    error = flown - planned
     error[:, 3] = (error[:, 3] + np.pi) % (2 * np.pi) - np.pi
-    time = np.asarray(1e-9 * truth.stamp[of_truth], dtype=np.float64)
+    time = np.asarray(1e-9 * stamp, dtype=np.float64)
     kept = time >= after
-    return TrackingError(time[kept], error[kept])
+    return TrackingError(time[kept], error[kept], planned[kept])
 
 
 def metrics(log: Log) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from heli_twin.experiment import Experiment
 from heli_twin.fleet import Run
 from heli_twin.metrics import AXES
 from heli_twin.recording import Log
+from heli_twin.specs import table_of
 from heli_twin.ultimate_gain import Ultimate
 
 SEEDS = (9001, 9002)
@@ -43,6 +44,7 @@ INTEGRAL_CUT = 3.0
 """Ziegler and Nichols' integral gain over what the search starts from: theirs answers loads, and overshoots."""
 LOST = 1e6
 """Cost of a trial whose flight ended early."""
+CRITERION = "the MPC's cost (26) with the paper's weights, on quick moves under gusts"
 
 _MOVES: tuple[Point, ...] = (
     (0.0, 0.0, 1.0, 0.0),
@@ -109,6 +111,9 @@ class Tuned:
     start: Trial
     best: Trial
     trials: int
+    budget: int
+    seeds: tuple[int, ...]
+    """Of the gusts."""
     ultimates: tuple[Ultimate, ...] = ()
     """What the search of a PID started from."""
 
@@ -122,6 +127,32 @@ class Tuned:
             "cost": self.best.cost,
             "cost_at_start": self.start.cost,
             "trials": self.trials,
+            "budget": self.budget,
+            "criterion": CRITERION,
+            "seeds": self.seeds,
+        }
+
+    def table(self) -> dict[str, Any]:
+        """The controller as a TOML table: what was tuned, and what else differs from the defaults but for the model."""
+        tuned = {name.partition("[")[0] for names in self.best.gains.values() for name in names}
+        mine, default = table_of(self.law), table_of(type(self.law)())
+        return {
+            name: value
+            for name, value in mine.items()
+            if name in tuned | {"kind"} or (value != default[name] and name != "model")
+        }
+
+    def record(self) -> dict[str, Any]:
+        """What a comparison has to tell of these gains."""
+        margin = ", keeping a gain margin of two" if isinstance(self.law, Pid) else ""
+        return {
+            "trials": self.trials,
+            "budget": self.budget,
+            "criterion": CRITERION + margin,
+            "seeds": list(self.seeds),
+            "cost_at_start": float(f"{sum(self.start.cost.values()):.4g}"),
+            "cost": float(f"{sum(self.best.cost.values()):.4g}"),
+            "controller": self.table(),
         }
 
 
@@ -152,7 +183,8 @@ def tune(
     while search.trials < budget and search.round(budget - search.trials):
         pass
     best = Trial({a: {n: float(f"{g:.3g}") for n, g in names.items()} for a, names in search.best.items()}, search.cost)
-    return Tuned(with_gains(law, best.gains), Trial(gains, search.start), best, search.trials, ultimates)
+    seeds = tuple(base.seed + seed for seed in SEEDS)
+    return Tuned(with_gains(law, best.gains), Trial(gains, search.start), best, search.trials, budget, seeds, ultimates)
 
 
 def start_gains(law: Law, ultimates: tuple[Ultimate, ...] = ()) -> Gains:

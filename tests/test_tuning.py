@@ -1,4 +1,5 @@
-from contextlib import nullcontext
+import signal
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from math import log, pi
@@ -221,6 +222,29 @@ def test_what_is_printed_flies(monkeypatch, tmp_path, capsys):
 def test_a_budget_of_nothing_is_refused(capsys):
     assert main(["tune", "pid", "--budget", "0"]) == 2
     assert "leaves nothing to try" in capsys.readouterr().err
+
+
+def test_a_tuning_that_is_told_to_stop_ends_its_processes(monkeypatch):
+    left = []
+
+    @contextmanager
+    def watched():
+        def told(work, items):
+            signal.raise_signal(signal.SIGTERM)
+
+        try:
+            yield told
+        finally:
+            left.append(True)
+
+    # Not the default, which would end pytest.
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    monkeypatch.setattr("heli_twin.fleet.fleet", watched)
+    try:
+        assert main(["tune", "pid", "--budget", "2"]) == 130
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert left == [True]
 
 
 def square(x):

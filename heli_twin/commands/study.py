@@ -1,6 +1,5 @@
 """`heli-twin study`: fly many experiments and learn where and how the controller breaks."""
 
-import signal
 import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Callable
@@ -91,9 +90,6 @@ def run_(parsed: Namespace) -> int:
     if parsed.workers is not None and parsed.workers < 1:
         raise StudyError(f"--workers {parsed.workers}: give 1 or more")
     study = load_study(parsed.study, parsed.overrides)
-    # A batch system asks with SIGTERM; a shell's background job ignores Ctrl-C unless told.
-    for asked in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(asked, signal.default_int_handler)
     out = parsed.out or STUDIES / study.name
     try:
         with Watch(study) as watch:
@@ -255,5 +251,5 @@ def listing(parsed: Namespace) -> int:
 
     for name in shipped():
         study = load_study(name)
-        print(f"{name:<24} {study.design.kind:<16} {study.design.count(plan_of(study)):>6} runs  {study.question}")
+        print(f"{name:<24} {study.design.kind:<16} {plan_of(study).count():>6} runs  {study.question}")
     return 0

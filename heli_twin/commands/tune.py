@@ -1,6 +1,7 @@
 """`heli-twin tune`: find a controller's gains on the twin."""
 
 import json
+import shlex
 import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from functools import partial
@@ -30,6 +31,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "budget; its defaults are the paper's.",
         "  heli-twin tune pid --save pid.toml && heli-twin fly pid.toml\n"
         "  heli-twin fly trajectory=hover controller=pid.toml    # the same in another experiment\n"
+        "  heli-twin study run gust 'alternatives.tuned={controller=\"pid.toml\"}'    # against others\n"
         "  heli-twin tune pid --budget 1                         # Ziegler and Nichols alone\n"
         "  heli-twin tune pid controller.feed_forward=flat\n"
         "  heli-twin tune mpc --budget 61 --json",
@@ -51,7 +53,9 @@ def run(parsed: Namespace) -> int:
         raise HeliTwinError(f"--budget {budget} leaves nothing to try: 1 judges the start, {BUDGET} is the default")
     source, overrides = experiment_arguments(parsed)
     found = _tuned(load(source, [f"controller={KINDS[parsed.controller]}", *overrides]), budget)
-    text = toml(found)
+    text = toml(
+        found, shlex.join(["heli-twin", "tune", parsed.controller, *parsed.experiment, "--budget", str(budget)])
+    )
     if parsed.save:
         try:
             parsed.save.parent.mkdir(parents=True, exist_ok=True)
@@ -89,18 +93,17 @@ def _tuned(base: "Experiment", budget: int) -> "Tuned":
         return tune(base, fly_all, budget, tuple(ultimates), lambda: bar.advance(task))
 
 
-def toml(found: "Tuned") -> str:
-    """The controller as `heli-twin fly` takes it: a file of its own, or `controller=FILE.toml`."""
-    from dataclasses import fields
+def toml(found: "Tuned", said: str) -> str:
+    """The controller as `heli-twin fly` takes it, a file of its own or `controller=FILE.toml`, and how it came about.
 
-    default = type(found.law)()
-    tuned = {name.partition("[")[0] for names in found.best.gains.values() for name in names}
-    lines = [f"# tuned on the twin in {found.trials} trials", "[controller]"]
-    for field in fields(found.law):
-        value = getattr(found.law, field.name)
-        if field.name in tuned | {"kind"} or (value != getattr(default, field.name) and field.name != "model"):
-            lines.append(f"{field.name} = {json.dumps(value)}")
-    return "\n".join(lines) + "\n"
+    Args:
+        found: What was tuned.
+        said: The command that tunes it again.
+    """
+    from heli_twin.studies.tuning_record import comment
+
+    lines = [f"{name} = {json.dumps(value)}" for name, value in found.table().items()]
+    return "\n".join([comment({"command": said} | found.record()), "", "[controller]", *lines, ""])
 
 
 def show(found: "Tuned", text: str, saved: Path | None) -> None:
@@ -123,6 +126,6 @@ def show(found: "Tuned", text: str, saved: Path | None) -> None:
         gains = (", ".join(f"{g:.3g}" for g in trial.gains[axis].values()) for trial in (found.start, found.best))
         table.add_row(axis, f"{found.start.cost[axis]:.4g}", f"{cost:.4g}", *gains)
     console.print(table)
-    console.print(text, highlight=False, markup=False, end="")
+    console.print(text, highlight=False, markup=False, end="", soft_wrap=True)
     if saved:
         console.print(f"wrote {saved}", highlight=False, soft_wrap=True)

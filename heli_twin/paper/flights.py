@@ -148,17 +148,18 @@ def identification_tasks() -> Iterator[Task]:
 
 
 def fly_all(folder: Path, flights: Sequence[Task], progress: Callable[[], None] = lambda: None) -> dict[str, Row]:
-    """Fly on all cores; logs go to `folder/logs`.
+    """Fly on all cores; logs go to `folder/logs`. Ctrl-C and SIGTERM end the workers.
 
     Returns:
         The row of each flight, by the id of its task. One whose process died is a failed flight.
     """
+    from heli_twin.fleet import stoppable
     from heli_twin.studies.campaign import write_whole
     from heli_twin.studies.engine import Trouble, flown
     from heli_twin.studies.pebble_pool import PebblePool
 
     rows: dict[str, Row] = {}
-    with PebblePool() as pool:
+    with stoppable(), PebblePool() as pool:
         for done in flown(pool, fly_task, flights):
             if isinstance(done.result, Trouble):
                 rows[done.task.id] = {"outcome": done.result.outcome, "outcome_text": done.result.text}

@@ -8,6 +8,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO
 
+import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -32,6 +33,9 @@ RECORD = struct.Struct("<BQ")
 """What every MCAP record starts with: opcode and length."""
 MESSAGE = struct.Struct("<HIQQ")
 """What every message starts with: channel, sequence, log and publish time."""
+_MESSAGE_RECORD = struct.Struct("<BQHIQQ")
+_INDEX_RECORD = struct.Struct("<BQHI")
+"""Opcode, length, channel and bytes of what follows: pairs of log time and offset in the chunk."""
 _FOOTER_SIZE, _DATA_END_SIZE = RECORD.size + 20, RECORD.size + 4
 
 
@@ -124,27 +128,38 @@ def check_format(identity: dict[str, str] | None) -> None:
 
 
 def _messages(data: bytes, summary: Summary, topics: Collection[str] | None) -> dict[str, Messages]:
-    """Every message, by topic, in the order of the file."""
-    by_channel: dict[int, tuple[list[int], list[bytes | memoryview]]] = {c: ([], []) for c in summary.channels}
-    kept = {c for c, channel in summary.channels.items() if topics is None or channel.topic in topics}
+    """The messages of each topic, in the order of the file, found by the indexes of the chunks."""
+    kept = {id: channel.topic for id, channel in summary.channels.items() if topics is None or channel.topic in topics}
+    found: dict[int, tuple[list[int], list[bytes]]] = {channel: ([], []) for channel in kept}
     size = 0
     for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
         start = index.chunk_start_offset + RECORD.size
-        chunk = unpack_chunk(data[start : index.chunk_start_offset + index.chunk_length])
+        chunk = bytes(unpack_chunk(data[start : index.chunk_start_offset + index.chunk_length]))
         size += len(chunk)
         if size > MAX_UNPACKED:
             raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
-        for opcode, body in records(chunk):
-            if opcode == Opcode.MESSAGE:
-                channel, _, time, _ = MESSAGE.unpack_from(body)
-                if channel in kept:
-                    times, messages = by_channel[channel]
+        for channel, at in index.message_index_offsets.items():
+            if channel in kept:
+                times, messages = found[channel]
+                for time, offset in _index(data, at, channel):
+                    opcode, length, of, _, logged, _ = _MESSAGE_RECORD.unpack_from(chunk, offset)
+                    end = offset + RECORD.size + length
+                    if (opcode, of, logged) != (Opcode.MESSAGE, channel, time) or end > len(chunk):
+                        raise ValueError("an index points at something else")
                     times.append(time)
-                    # A view would keep the whole chunk.
-                    messages.append(body[MESSAGE.size :] if topics is None else bytes(body[MESSAGE.size :]))
-                elif channel not in by_channel:
-                    raise LookupError(f"a message of channel {channel}, which there is not")
-    return {summary.channels[channel].topic: Messages(*by_channel[channel]) for channel in kept}
+                    messages.append(chunk[offset + _MESSAGE_RECORD.size : end])
+    counted = summary.statistics.channel_message_counts if summary.statistics else {}
+    if any(len(times) != counted.get(channel, 0) for channel, (times, _) in found.items()):
+        raise ValueError("its index is not complete")
+    return {kept[channel]: Messages(*columns) for channel, columns in found.items()}
+
+
+def _index(data: bytes, at: int, channel: int) -> list[list[int]]:
+    """Log time and offset of each message of a channel in a chunk, from the message index at this place."""
+    opcode, length, of, size = _INDEX_RECORD.unpack_from(data, at)
+    if (opcode, of, size) != (Opcode.MESSAGE_INDEX, channel, length - 6):
+        raise ValueError("a message index is somewhere else")
+    return np.frombuffer(data, "<u8", size // 8, at + _INDEX_RECORD.size).reshape(-1, 2).tolist()
 
 
 def records(data: memoryview, at: int = 0) -> Iterator[tuple[int, memoryview]]:

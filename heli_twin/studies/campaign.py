@@ -12,6 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from heli_twin.fleet import stoppable
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Point, Row
 from heli_twin.studies.engine import Backend, Done, Trouble, Work, flown
@@ -49,7 +50,8 @@ def run_study(
 ) -> Progress:
     """Fly what a study asks for and has not been flown yet, and write `results.parquet` at the end.
 
-    It may be stopped at any time, in any way; running it again goes on. In a program of your own, call it under
+    It may be stopped at any time, in any way, and running it again goes on; Ctrl-C and SIGTERM raise a
+    KeyboardInterrupt when the workers are gone. In a program of your own, call it under
     `if __name__ == "__main__":`, since worker processes load the program too.
 
     Args:
@@ -66,7 +68,7 @@ def run_study(
     from heli_twin.studies.results import RESULTS, write_parquet
 
     plan = plan_of(study)
-    with Store(out, write=True) as store:
+    with stoppable(), Store(out, write=True) as store:
         campaign = Campaign(plan, store, out, work, watch)
         store.begin(campaign.about())
         if again:
@@ -87,7 +89,7 @@ def embedded(plan: Plan, timeout: float, processes: int | None = None) -> Backen
 
 def time_allowed(plan: Plan) -> float:
     """How long a flight may take before it counts as hung, s."""
-    return plan.study.timeout or 60 + 5 * json.loads(plan.base)["duration"]
+    return plan.study.timeout or 60 + 5 * json.loads(plan.space.base)["duration"]
 
 
 class Campaign:
@@ -102,7 +104,7 @@ class Campaign:
         watch: Callable[[Progress], None] = lambda p: None,
     ) -> None:
         self.plan, self.store, self.out, self.work, self.watch = plan, store, out, work, watch
-        self.progress = Progress(plan.study.design.count(plan))
+        self.progress = Progress(plan.count())
         self._next_run = self._next_point = 0
         self._worst: list[float] = []
         """The worst scores of this launch, as a heap: the least of them on top."""
@@ -115,7 +117,7 @@ class Campaign:
         facts = {f"with.{key}": value for key, value in provenance().items()}
         return facts | {
             "study": study_tree(self.plan.study),
-            "base": self.plan.base,
+            "base": self.plan.space.base,
             "planned": self.progress.total,
             "host": socket.gethostname(),
             "cores": os.cpu_count(),
@@ -125,17 +127,17 @@ class Campaign:
 
     def run(self, backend: Backend) -> None:
         """Fly the design, batch by batch."""
-        design = self.plan.study.design
-        batches = design.batches(self.plan)
-        answer: list[Row] | None = None
-        while True:
-            try:
-                points = batches.send(answer)  # type: ignore[arg-type]
-            except StopIteration:
-                break
+        batches = self.plan.batches()
+        points = next(batches, None)
+        while points is not None:
             first = self._next_run
             self._batch(points, backend)
-            answer = list(self.store.rows(first, self._next_run - 1)) if design.adaptive else []
+            adaptive = self.plan.study.design.adaptive
+            answer: list[Row] = list(self.store.rows(first, self._next_run - 1)) if adaptive else []
+            try:
+                points = batches.send(answer)
+            except StopIteration:
+                points = None
         self.progress.total = self.progress.done
         self.store.note({"planned": self._next_run})
         self._prune()
@@ -218,7 +220,7 @@ class Campaign:
     def _prune(self) -> None:
         """Take away logs of flights that were among the worst for a while only."""
         logs = self.plan.study.logs
-        stride = max(1, -(-self.plan.study.design.count(self.plan) // logs.sampled)) if logs.sampled else 0
+        stride = max(1, -(-self.plan.count() // logs.sampled)) if logs.sampled else 0
         keep = {run_id for run_id, _ in self.store.worst(logs.worst)} | set(self.store.failed(2**31))
         if stride:
             keep |= self.store.every(stride)

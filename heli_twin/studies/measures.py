@@ -8,6 +8,7 @@ import numpy as np
 from controllers.signals import Array
 from heli_twin.metrics import AXES, SETTLING, tracking_error
 from heli_twin.recording import Log
+from heli_twin.studies.response import overshoot, phase_lag, settling_time
 
 HOLD = 1.0
 """s: the time over which an error has to last to count as sustained."""
@@ -19,14 +20,17 @@ def measures(log: Log, period: float = 0.02, deadline: float = inf) -> dict[str,
     Position errors are lengths in space. `sustained` is the root mean square error of the worst `HOLD` seconds: a
     graded measure that a limit cycle cannot hide from by passing through zero. `bias` is the mean error, `spread` its
     standard deviation; `effort` the mean square of the input's deviation from its own mean, `variation`
-    the way an input travels in a second, `saturated` the share of time at a limit.
+    the way an input travels in a second, `saturated` the share of time at a limit. `phase_lag` (s), `settling_time` (s
+    from the start of the flight) and `overshoot` (a share of the step) are as `studies.response` defines them.
 
     Args:
         log: The flight.
         period: Of control, s.
         deadline: A control step that computed longer than this (s, measured) was late.
     """
-    error = tracking_error(log, SETTLING).error
+    time, whole, reference = tracking_error(log)
+    answered, start = reference + whole, int(np.searchsorted(time, SETTLING))
+    error = whole[start:]
     distance = np.linalg.norm(error[:, :3], axis=1)
     lengths = np.column_stack([np.abs(error), distance])
     names = (*AXES, "position")
@@ -40,6 +44,9 @@ def measures(log: Log, period: float = 0.02, deadline: float = inf) -> dict[str,
         **_each("bias", AXES, None if nothing else error.mean(axis=0)),
         **_each("spread", AXES, None if nothing else error.std(axis=0)),
         **_each("sustained", names, sustained(lengths, round(HOLD / period))),
+        **{f"phase_lag.{a}": phase_lag(reference[:, i], answered[:, i], period, start) for i, a in enumerate(AXES)},
+        **{f"overshoot.{a}": overshoot(reference[:, i], answered[:, i], period) for i, a in enumerate(AXES)},
+        "settling_time": settling_time(time, np.linalg.norm(whole[:, :3], axis=1)),
         **_inputs(log),
         "tilt.max": _tilt(log),
         "qp.iterations": float(log.qp.iterations.mean()) if len(log.qp.iterations) else None,

@@ -2,31 +2,25 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from heli_twin.configuration import load, put
+from heli_twin.configuration import load
 from heli_twin.experiment import Experiment
 from heli_twin.families import OneOf
-from heli_twin.specs import Tree, canonical_json, experiment_of, parts
-from heli_twin.studies.axes import Axis, axis_of
+from heli_twin.specs import canonical_json, experiment_of, parts
+from heli_twin.studies.axes import axis_of
 from heli_twin.studies.columns import check_metrics
-from heli_twin.studies.designs import Point
+from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
+from heli_twin.studies.space import Alternative, Space, value_at, varied
 from heli_twin.studies.study import Study
 
 PHYSICS_VERSION = 1
 """Part of every run's id. Raise it by hand when the same experiment comes to fly differently: then old results do not
 count as flown any more."""
-
-
-class Alternative(NamedTuple):
-    """One of the things compared."""
-
-    name: str
-    changes: dict[str, Any]
 
 
 class Run(NamedTuple):
@@ -43,63 +37,53 @@ class Run(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """A study that has been checked: what its design makes points of."""
+    """A study that has been checked."""
 
     study: Study
-    base: str
-    """The base experiment, canonical JSON."""
-    alternatives: tuple[Alternative, ...]
-    axes: Mapping[str, Axis]
+    space: Space
     contrast: str
     """What the alternatives are alternatives of: a path of the experiment, or empty."""
+
+    def count(self) -> int:
+        """How many runs it may need."""
+        return self.study.design.count(self.space)
+
+    def batches(self) -> Batches:
+        """The points to fly, batch by batch."""
+        return self.study.design.batches(self.space)
 
     @cached_property
     def words(self) -> frozenset[str]:
         """Axes whose values are shown as words, since one at least is no number."""
         return frozenset(
-            path for path, axis in self.axes.items() if any(not isinstance(v, int | float) for v in axis.levels())
+            path for path, axis in self.space.axes.items() if any(not isinstance(v, int | float) for v in axis.levels())
         )
 
     def runs(self, points: Iterable[Point], first_point: int = 0) -> Iterator[Run]:
         """The runs of some points: every alternative with every seed."""
         for number, point in enumerate(points, first_point):
-            for alternative in self.alternatives:
+            for alternative in self.space.alternatives:
                 if point.alternatives is None or alternative.name in point.alternatives:
                     yield from self._runs(number, point, alternative)
 
     def _runs(self, number: int, point: Point, alternative: Alternative) -> Iterator[Run]:
         changes = alternative.changes | point.changes
-        tree = varied(self.base, changes)
+        tree = varied(self.space.base, changes)
         shown: dict[str, Any] = {self.contrast: alternative.name} if self.contrast else {}
         for path in point.changes:
-            if path in self.axes:
-                value = shown_value(_at(tree, path))
+            if path in self.space.axes:
+                value = shown_value(value_at(tree, path))
                 shown[path] = str(value) if path in self.words else value
-        for seed in point.seeds or self.study.seeds:
+        for seed in point.seeds or self.space.seeds:
             tree["seed"] = seed
             text = canonical_json(experiment_of(tree))
             place = {
                 "point": number,
                 "alternative": alternative.name,
-                "replicate": seed - self.study.seed,
+                "replicate": seed - self.space.seeds.start,
                 "seed": seed,
             }
-            yield Run(run_id(text), text, place | shown | point.labels, changes)
-
-
-def varied(base: str, changes: Mapping[str, Any]) -> Tree:
-    """An experiment with some fields changed, one after the other.
-
-    Args:
-        base: Canonical JSON.
-        changes: Values by dotted path.
-    """
-    tree = json.loads(base)
-    for path, value in changes.items():
-        # A linspace over a horizon gives 12.0 and 13.5.
-        counts = type(_at(tree, path)) is int and isinstance(value, float)
-        put(tree, path, round(value) if counts else value)
-    return tree
+            yield Run(run_id(text), text, {**place, **shown, **point.labels}, changes)
 
 
 def plan_of(study: Study) -> Plan:
@@ -111,20 +95,20 @@ def plan_of(study: Study) -> Plan:
     """
     base = _base(study)
     axes = {path: axis_of(path, written) for path, written in study.axes.items()}
-    alternatives, contrast = _alternatives(study, axes)
-    plan = Plan(study, base, alternatives, {p: a for p, a in axes.items() if p != contrast}, contrast)
+    alternatives, contrast = alternatives_of(study)
+    swept = {path: axis for path, axis in axes.items() if path != contrast}
+    plan = Plan(study, Space(base, alternatives, swept, study.seeds, study.score, study.penalty), contrast)
     check_metrics((study.score, *study.metrics))
-    for path in plan.axes:
-        if path == "seed":
-            raise StudyError("the seed is no axis: `replicates` flies every point with the same seeds")
-    study.design.check(plan)
-    runs = study.design.count(plan)
+    if "seed" in swept:
+        raise StudyError("the seed is no axis: `replicates` flies every point with the same seeds")
+    study.design.check(plan.space)
+    runs = plan.count()
     if runs > study.max_runs:
         raise StudyError(
             f"this study is {runs:,} flights, more than max_runs = {study.max_runs:,}: take fewer values or "
             "replicates, or raise max_runs"
         )
-    _check_levels(plan)
+    _check_levels(plan.space)
     return plan
 
 
@@ -135,38 +119,36 @@ def _base(study: Study) -> str:
     return canonical_json(experiment_of(varied(start, changes)))
 
 
-def _alternatives(study: Study, axes: Mapping[str, Axis]) -> tuple[tuple[Alternative, ...], str]:
-    """What is compared: as named, or else the axis over a part of the experiment such as the controller."""
+def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
+    """What is compared, and the path of which they are alternatives, if they are of one.
+
+    As named, or else the axis over a part of the experiment such as the controller.
+
+    Raises:
+        StudyError: They are no tables, or that axis has no values.
+    """
     if study.alternatives:
         for name, changes in study.alternatives.items():
             if not isinstance(changes, dict):
                 raise StudyError(f"alternatives.{name} = {changes!r}: write the changes it stands for as a table")
         return tuple(Alternative(name, dict(changes)) for name, changes in study.alternatives.items()), ""
     families = {name for name, part in parts(Experiment).items() if isinstance(part.family, OneOf)}
-    for path, axis in axes.items():
+    for path, written in study.axes.items():
         if path in families:
-            levels = axis.levels()
+            levels = axis_of(path, written).levels()
             if not levels:
                 raise StudyError(f"axis '{path}' is a part, not a number: list its kinds")
             return tuple(Alternative(shown_value(level), {path: level}) for level in levels), path
     return (Alternative("base", {}),), ""
 
 
-def _check_levels(plan: Plan) -> None:
+def _check_levels(space: Space) -> None:
     """Every alternative with every value of every axis: no flight may find out that a value is impossible."""
-    for alternative in plan.alternatives:
-        experiment_of(varied(plan.base, alternative.changes))
-        for path, axis in plan.axes.items():
+    for alternative in space.alternatives:
+        experiment_of(varied(space.base, alternative.changes))
+        for path, axis in space.axes.items():
             for value in axis.levels() or [axis.quantile(0.0), axis.quantile(0.999)]:
-                experiment_of(varied(plan.base, alternative.changes | {path: value}))
-
-
-def _at(tree: Tree, path: str) -> Any:
-    """The value at a dotted path; None where there is none yet."""
-    value: Any = tree
-    for key in path.split("."):
-        value = value.get(key) if isinstance(value, dict) else None
-    return value
+                experiment_of(varied(space.base, alternative.changes | {path: value}))
 
 
 def shown_value(value: Any) -> Any:

@@ -27,12 +27,12 @@ def _bases() -> dict[str, Tree]:
 
 
 def _words(tree: Tree, base: Tree) -> str:
-    words = [f"{path}={_text(value)}" for path, value in _changes(tree, base, "")]
+    words = [f"{path}={_text(value)}" for path, value in changes(tree, base)]
     return "".join(" " + shlex.quote(word) for word in words)
 
 
-def _changes(tree: Tree, base: Tree, here: str) -> Iterator[tuple[str, Any]]:
-    """Every value that differs; a part of another kind is compared with that kind's defaults."""
+def changes(tree: Tree, base: Tree, here: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value that differs, by dotted path; a part of another kind is compared with that kind's defaults."""
     for key, value in tree.items():
         path = f"{here}{key}"
         if not isinstance(value, dict):
@@ -40,12 +40,12 @@ def _changes(tree: Tree, base: Tree, here: str) -> Iterator[tuple[str, Any]]:
                 yield path, value
         elif here in ("disturbances.", "faults.") and key not in base:
             yield path, "on"
-            yield from _changes(value, _defaults(path, "on"), f"{path}.")
+            yield from changes(value, _defaults(path, "on"), f"{path}.")
         elif value.get("kind") != base[key].get("kind"):
             yield path, value["kind"]
-            yield from _changes(value, _defaults(path, value["kind"]), f"{path}.")
+            yield from changes(value, _defaults(path, value["kind"]), f"{path}.")
         else:
-            yield from _changes(value, base[key], f"{path}.")
+            yield from changes(value, base[key], f"{path}.")
     for key in base.keys() - tree.keys():
         yield f"{here}{key}", "off"
 

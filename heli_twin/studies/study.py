@@ -15,6 +15,7 @@ from heli_twin.specs import ExperimentError, spec_of
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
+from heli_twin.studies.tuning_record import uncommented
 
 Table = dict[str, Any]
 
@@ -55,6 +56,9 @@ class Study:
         "rmse.yaw",
         "max_abs_error.position",
     )
+    tuning: Annotated[
+        tuple[Table, ...], doc("records of how controllers were tuned, as `heli-twin tune --save` leaves them")
+    ] = ()
     penalty: Annotated[float, Gt(0), doc("the score of a flight that failed")] = 2.5
     logs: Annotated[Logs, doc("which flights leave their MCAP behind")] = field(default_factory=Logs)
     timeout: Annotated[
@@ -81,6 +85,9 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
         source: Name of a shipped study, or path of a TOML file.
         overrides: Changes, each `field=value`: a field of the study, or a dotted path of its base experiment.
 
+    Returns:
+        The study. A part that it names by a file, `controller = "pid.toml"`, is read, and its tuning's record with it.
+
     Raises:
         HeliTwinError: One sentence that says what is wrong and what would be right.
     """
@@ -92,17 +99,55 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
         raise StudyError(
             f"unknown study '{source}': {hint}Available: {', '.join(known)}; a file of your own ends in .toml"
         )
+    tree = _parsed(path, _text(path))
+    tree.setdefault("name", path.stem)
+    _read_parts(tree)
+    for text in overrides:
+        _override(tree, text)
+        _read_parts(tree)
+    return study_of(tree)
+
+
+def _text(path: Path) -> str:
     try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{path} is not valid TOML: {error}") from None
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise StudyError(f"cannot read {path}: {reason}") from None
-    tree.setdefault("name", path.stem)
-    for text in overrides:
-        _override(tree, text)
-    return study_of(tree)
+
+
+def _parsed(path: Path, text: str) -> Table:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"{path} is not valid TOML: {error}") from None
+
+
+def _read_parts(tree: Table) -> None:
+    """Put the parts in place that are named by files: `controller = "pid.toml"`, as on the command line."""
+    alternatives = tree.get("alternatives")
+    places = [tree.get("base"), *(alternatives.values() if isinstance(alternatives, dict) else ())]
+    for changes in [place for place in places if isinstance(place, dict)]:
+        for part, path in _files(changes).items():
+            changes[part], records = _part(path, part)
+            tree["tuning"] = [*tree.get("tuning", ()), *records]
+
+
+def _files(changes: Table) -> dict[str, Path]:
+    named = {part: Path(v) for part, v in changes.items() if isinstance(v, str) and v.endswith(".toml")}
+    # A preset is read where the base begins.
+    named.pop("preset", None)
+    return named
+
+
+def _part(path: Path, part: str) -> tuple[Table, list[Table]]:
+    """A part of an experiment in a file, and the record of its tuning if it has one."""
+    text = _text(path)
+    table = _parsed(path, text).get(part)
+    if not isinstance(table, dict):
+        raise StudyError(f"{path} has no table [{part}]")
+    record = _parsed(path, uncommented(text))
+    return table, [record] if record else []
 
 
 def study_of(tree: Table) -> Study:
@@ -118,6 +163,8 @@ def study_of(tree: Table) -> Study:
     elif isinstance(design, dict) and "kind" not in design:
         raise ExperimentError(f"design.kind is missing. Available: {', '.join(members('heli_twin.studies.designs'))}")
     study = spec_of(Study, tree)
+    if any(not isinstance(record.get("controller"), dict) for record in study.tuning):
+        raise StudyError("a record of [[tuning]] needs `controller`: the table that the tuning found")
     if set(study.name) & set('/\\:*?"<>|\0') or study.name in (".", ".."):
         raise StudyError(f"name = '{study.name}': it names a folder, so write letters, digits, - and _")
     return study

@@ -28,6 +28,14 @@ def noted(seen: str, task: Task) -> Flown:
     return pretend(task)
 
 
+def stay(seen: str, task: Task) -> Flown:
+    """A flight that leaves its process in a file and never ends."""
+    with Path(seen).open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    time.sleep(600)
+    return pretend(task)
+
+
 def poison(task: Task) -> Flown:
     """The strongest gust kills the process."""
     if _strength(json.loads(task.experiment)) == 0.5:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import hooks
 import pytest
 
 from heli_twin.configuration import load
+from heli_twin.fleet import stoppable
 from heli_twin.specs import canonical_json
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.errors import StudyError
@@ -76,26 +78,90 @@ def test_runs_that_were_lost_fly_again_when_asked_to(small, tmp_path):
     assert {row["outcome"] for row in rows_of(tmp_path)} == {"completed"}
 
 
+DRIVER = """
+import json, sys
+sys.path[:0] = json.loads(sys.argv[1])
+from functools import partial
+from pathlib import Path
+import hooks
+from heli_twin.paper import flights
+from heli_twin.studies.campaign import embedded, run_study
+from heli_twin.studies.plan import plan_of
+from heli_twin.studies.study import study_of
+from heli_twin.studies.work import Task
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[2])
+    study = study_of(json.loads((folder / "study.json").read_text()))
+    work = partial(getattr(hooks, sys.argv[4]), str(folder / "seen"))
+    if sys.argv[3] == "paper":
+        flights.fly_task = work
+        flights.fly_all(folder, [Task(str(i), plan_of(study).space.base, "", True, True, None) for i in range(4)])
+    else:
+        run_study(study, folder / "out", backend=lambda plan, timeout: embedded(plan, timeout, 2), work=work)
+"""
+
+
+def drive(folder: Path, study: Study, command: str, work: str, lines: int) -> subprocess.Popen[bytes]:
+    """A driver in a process group of its own, when its workers have left so many lines in the file `seen`."""
+    (folder / "study.json").write_text(json.dumps(study_tree(study)))
+    script = folder / "drive.py"
+    script.write_text(DRIVER)
+    words = [sys.executable, str(script), json.dumps(sys.path), str(folder), command, work]
+    driver = subprocess.Popen(words, start_new_session=True, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 30
+    while flights(folder / "seen").total() < lines and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return driver
+
+
+def is_gone(group: int, patience: float) -> bool:
+    """Whether the last process of a group ends within so many seconds."""
+    deadline = time.monotonic() + patience
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@pytest.mark.parametrize("command", ["study", "paper"])
+@pytest.mark.parametrize("asked", [signal.SIGTERM, signal.SIGINT], ids=lambda asked: asked.name)
+def test_a_driver_that_is_told_to_stop_leaves_no_process_behind(small, tmp_path, command, asked):
+    driver = drive(tmp_path, small, command, "stay", 1)
+    os.kill(driver.pid, asked)
+    try:
+        # A KeyboardInterrupt ends Python by the signal that Ctrl-C is.
+        assert driver.wait(timeout=20) == -signal.SIGINT
+        assert is_gone(driver.pid, 10)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(driver.pid, signal.SIGKILL)
+
+
+def test_a_program_keeps_its_own_signal_handlers():
+    def mine(number, frame):
+        raise AssertionError(number, frame)
+
+    before = signal.signal(signal.SIGTERM, mine)
+    try:
+        with stoppable():
+            assert signal.getsignal(signal.SIGTERM) is mine
+        # Not the default, which would end pytest.
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        with pytest.raises(KeyboardInterrupt), stoppable():
+            signal.raise_signal(signal.SIGTERM)
+        assert signal.getsignal(signal.SIGTERM) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def test_a_killed_driver_goes_on_where_it_was(small, tmp_path):
     seen = tmp_path / "seen"
     study = study_of(study_tree(small) | {"replicates": 10})
-    (tmp_path / "study.json").write_text(json.dumps(study_tree(study)))
-    program = (
-        "import json, sys; sys.path[:0] = json.loads(sys.argv[1])\n"
-        "from functools import partial; from pathlib import Path; import hooks\n"
-        "from heli_twin.studies.campaign import embedded, run_study\n"
-        "from heli_twin.studies.study import study_of\n"
-        "if __name__ == '__main__':\n"
-        "    study = study_of(json.loads(Path(sys.argv[2], 'study.json').read_text()))\n"
-        "    run_study(study, Path(sys.argv[2], 'out'), backend=lambda p, t: embedded(p, t, 2),\n"
-        "              work=partial(hooks.noted, sys.argv[2] + '/seen'))\n"
-    )
-    script = tmp_path / "drive.py"
-    script.write_text(program)
-    driver = subprocess.Popen([sys.executable, str(script), json.dumps(sys.path), str(tmp_path)])
-    deadline = time.monotonic() + 20
-    while len(flights(seen)) < 6 and time.monotonic() < deadline:
-        time.sleep(0.05)
+    driver = drive(tmp_path, study, "study", "noted", 6)
     os.kill(driver.pid, signal.SIGKILL)
     driver.wait()
     time.sleep(0.5)

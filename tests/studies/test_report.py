@@ -1,14 +1,18 @@
 import json
 import re
+from base64 import b64decode
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import hooks
+import numpy as np
 import pytest
 
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.report import write_report
+from heli_twin.studies.report.drawing import write_svg
+from heli_twin.studies.report.figure import Curve, Figure, Panel
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import study_of
 
@@ -78,6 +82,25 @@ def test_every_command_in_a_figure_names_a_run_of_the_study(reports, name):
     shown = re.findall(r"study fly \S+ ([0-9a-f]{16})", json.dumps(figures_of(reports, name)))
     assert shown
     assert set(shown) <= ids
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_on_paper_every_figure_is_the_drawn_one(reports, name):
+    page = text_of(reports, name)
+    drawn = [
+        b64decode(data) for data in re.findall(r'<img alt="[^"]+" src="data:image/svg\+xml;base64,([^"]+)">', page)
+    ]
+    assert drawn
+    assert sorted(drawn) == sorted(path.read_bytes() for path in (reports / name / "figures").iterdir())
+    assert len(drawn) == page.count('<div class="figure">')
+
+
+def test_a_legend_is_never_wider_than_its_figure(tmp_path):
+    x = np.arange(3.0)
+    curves = [Curve(f"a controller with a long name, number {i}", x, x + i, color=i) for i in range(5)]
+    write_svg(Figure("wide", "", "", [Panel("", "", "", curves)]), tmp_path / "wide.svg")
+    legend = (tmp_path / "wide.svg").read_text().split('<g id="legend_1">')[1]
+    assert min(float(x) for x in re.findall(r"translate\((\S+) ", legend)) > 0
 
 
 @pytest.mark.parametrize("name", ["map", "ladder"])

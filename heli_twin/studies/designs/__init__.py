@@ -1,12 +1,11 @@
 """Designs: which points of a study's axes are flown, and in what order. One file here is one design."""
 
 from collections.abc import Generator, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from heli_twin.studies.errors import StudyError
-
-if TYPE_CHECKING:
-    from heli_twin.studies.plan import Plan
+from heli_twin.studies.space import Space
 
 Row = Mapping[str, Any]
 """One flown run: its columns by name."""
@@ -17,7 +16,7 @@ class Point(NamedTuple):
 
     changes: dict[str, Any]
     """Values by dotted path, put onto the base in this order."""
-    labels: dict[str, Any] = {}  # noqa: RUF012 - never changed
+    labels: Mapping[str, Any] = MappingProxyType({})
     """More columns of its rows: what the point is to its design."""
     alternatives: tuple[str, ...] | None = None
     """Only these; None for all."""
@@ -39,7 +38,7 @@ class Design(Protocol):
         """Its name in a study file."""
         ...
 
-    def check(self, plan: "Plan") -> None:
+    def check(self, space: Space) -> None:
         """Refuse axes that this design cannot use.
 
         Raises:
@@ -47,21 +46,16 @@ class Design(Protocol):
         """
         ...
 
-    def count(self, plan: "Plan") -> int:
+    def count(self, space: Space) -> int:
         """How many runs it flies, at most."""
         ...
 
-    def batches(self, plan: "Plan") -> Batches:
+    def batches(self, space: Space) -> Batches:
         """The points to fly, batch by batch."""
         ...
 
 
-def need_axes(plan: "Plan", design: str) -> None:
-    """Refuse a study without axes."""
-    if not plan.axes:
+def need_axes(space: Space, design: str) -> None:
+    """Refuse a space without axes."""
+    if not space.axes:
         raise StudyError(f"a {design} design needs something to vary: add [axes] with at least one path and its values")
-
-
-def runs_of_points(plan: "Plan", points: int) -> int:
-    """How many runs so many points are."""
-    return points * len(plan.alternatives) * plan.study.replicates

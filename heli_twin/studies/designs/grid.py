@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 from itertools import product
 from math import prod
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from heli_twin.studies.designs import Batches, Point, runs_of_points
+from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
-
-if TYPE_CHECKING:
-    from heli_twin.studies.plan import Plan
+from heli_twin.studies.space import Space
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,23 +17,23 @@ class Grid:
     adaptive: ClassVar[bool] = False
     kind: Literal["grid"] = "grid"
 
-    def check(self, plan: "Plan") -> None:
+    def check(self, space: Space) -> None:
         """A distribution has no values to combine."""
-        for path, axis in plan.axes.items():
+        for path, axis in space.axes.items():
             if not axis.levels():
                 raise StudyError(
                     f"axis '{path}' is a distribution, of which a grid cannot take every value: write a linspace, "
                     "or take design.kind = 'latin_hypercube' or 'sobol'"
                 )
 
-    def count(self, plan: "Plan") -> int:
+    def count(self, space: Space) -> int:
         """The product of the axes' lengths."""
-        return runs_of_points(plan, prod(len(axis.levels()) for axis in plan.axes.values()))
+        return space.runs(prod(len(axis.levels()) for axis in space.axes.values()))
 
-    def batches(self, plan: "Plan") -> Batches:
+    def batches(self, space: Space) -> Batches:
         """One batch, the last axis moving fastest."""
-        paths = list(plan.axes)
+        paths = list(space.axes)
         yield (
             Point(dict(zip(paths, values, strict=True)))
-            for values in product(*(a.levels() for a in plan.axes.values()))
+            for values in product(*(a.levels() for a in space.axes.values()))
         )

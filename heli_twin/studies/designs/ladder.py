@@ -2,16 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import doc
 
 from heli_twin.specs import experiment_of
-from heli_twin.studies.designs import Batches, Point, runs_of_points
+from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
-
-if TYPE_CHECKING:
-    from heli_twin.studies.plan import Plan
+from heli_twin.studies.space import Space, varied
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +24,11 @@ class Ladder:
         doc("from below: `name`, and the changes it makes, such as `plant.servo_lag = 0.03`"),
     ] = ()
 
-    def check(self, plan: "Plan") -> None:
+    def check(self, space: Space) -> None:
         """Rungs with names that differ and changes that can be flown; no axes."""
         if not self.rungs:
             raise StudyError("a ladder needs rungs: add [[design.rungs]] with a name and the changes it makes")
-        if plan.axes:
+        if space.axes:
             raise StudyError("a ladder goes up its rungs alone: take [axes] away, or another design")
         for number, rung in enumerate(self.rungs, 1):
             if not isinstance(rung.get("name"), str) or len(rung) < 2:
@@ -38,17 +36,15 @@ class Ladder:
         names = [self.ground, *(rung["name"] for rung in self.rungs)]
         if len(set(names)) < len(names):
             raise StudyError("two rungs of the ladder have the same name")
-        from heli_twin.studies.plan import varied
-
-        for alternative in plan.alternatives:
+        for alternative in space.alternatives:
             for point in self._points():
-                experiment_of(varied(plan.base, alternative.changes | point.changes))
+                experiment_of(varied(space.base, alternative.changes | point.changes))
 
-    def count(self, plan: "Plan") -> int:
+    def count(self, space: Space) -> int:
         """The base and every rung."""
-        return runs_of_points(plan, 1 + len(self.rungs))
+        return space.runs(1 + len(self.rungs))
 
-    def batches(self, plan: "Plan") -> Batches:
+    def batches(self, space: Space) -> Batches:
         """One batch, from below."""
         yield self._points()
 

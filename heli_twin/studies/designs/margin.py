@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le, doc
 
@@ -10,9 +10,7 @@ from heli_twin.studies.axes import Linspace, Logspace, Uniform
 from heli_twin.studies.columns import COMPLETED, check_metrics
 from heli_twin.studies.designs import Batches, Point, Row, need_axes
 from heli_twin.studies.errors import StudyError
-
-if TYPE_CHECKING:
-    from heli_twin.studies.plan import Plan
+from heli_twin.studies.space import Space
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,36 +30,35 @@ class Margin:
     coarse: Annotated[int, Ge(2), Le(1000), doc("evenly spaced values to begin with")] = 6
     halvings: Annotated[int, Ge(0), Le(30), doc("of the interval that the coarse values leave")] = 4
 
-    def check(self, plan: "Plan") -> None:
+    def check(self, space: Space) -> None:
         """Ranges to search, and criteria that exist."""
-        need_axes(plan, "margin")
+        need_axes(space, "margin")
         if not self.criteria:
             raise StudyError("a margin needs a criterion: design.criteria = { 'sustained.yaw' = 0.07 }")
         check_metrics(self.criteria)
-        for path, axis in plan.axes.items():
+        for path, axis in space.axes.items():
             if not isinstance(axis, Linspace | Logspace | Uniform):
                 raise StudyError(f"axis '{path}': a margin is searched in a range, write {{ uniform = [from, to] }}")
 
-    def count(self, plan: "Plan") -> int:
+    def count(self, space: Space) -> int:
         """The coarse values, and every halving at most once a criterion."""
-        runs = len(plan.alternatives) * plan.study.replicates * len(plan.axes)
-        return runs * (self.coarse + len(self.criteria) * self.halvings)
+        return space.runs(len(space.axes) * (self.coarse + len(self.criteria) * self.halvings))
 
-    def batches(self, plan: "Plan") -> Batches:
+    def batches(self, space: Space) -> Batches:
         """The coarse values; then one halving of every search at a time."""
         shares = [i / (self.coarse - 1) for i in range(self.coarse)]
-        rows = yield [self.point_at(plan, path, share) for path in plan.axes for share in shares]
-        searches = list(self._searches(plan, rows))
+        rows = yield [self.point_at(space, path, share) for path in space.axes for share in shares]
+        searches = list(self._searches(space, rows))
         for _ in range(self.halvings):
             open_ones = [search for search in searches if search.open]
             if not open_ones:
                 return
-            rows = yield list({search.place: search.point(self, plan) for search in open_ones}.values())
+            rows = yield list({search.place: search.point(self, space) for search in open_ones}.values())
             flown = {(row["axis"], row["share"], row["alternative"], row["seed"]): row for row in rows}
             for search in open_ones:
                 search.learn(flown[search.place], self.criteria)
 
-    def _searches(self, plan: "Plan", rows: list[Row]) -> Iterator["Search"]:
+    def _searches(self, space: Space, rows: list[Row]) -> Iterator["Search"]:
         for criterion in self.criteria:
             groups: dict[tuple[str, str, int], list[Row]] = {}
             for row in rows:
@@ -70,9 +67,9 @@ class Margin:
                 low, high = bracket(group, criterion, self.criteria)
                 yield Search(path, alternative, seed, criterion, low, high)
 
-    def point_at(self, plan: "Plan", path: str, share: float, search: "Search | None" = None) -> Point:
+    def point_at(self, space: Space, path: str, share: float, search: "Search | None" = None) -> Point:
         """The flight at a share of an axis: for everyone, or for one search."""
-        value = plan.axes[path].quantile(share)
+        value = space.axes[path].quantile(share)
         labels = {"axis": path, "share": share, "value": value}
         if search is None:
             return Point({path: value}, labels)
@@ -107,9 +104,9 @@ class Search:
         """What tells its next flight from others; searches by different criteria may share it."""
         return (self.path, self.middle, self.alternative, self.seed)
 
-    def point(self, design: Margin, plan: "Plan") -> Point:
+    def point(self, design: Margin, space: Space) -> Point:
         """The flight to look at next."""
-        return design.point_at(plan, self.path, self.middle, self)
+        return design.point_at(space, self.path, self.middle, self)
 
     def learn(self, row: Row, criteria: Mapping[str, float]) -> None:
         """Halve the interval."""

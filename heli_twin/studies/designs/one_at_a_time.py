@@ -1,13 +1,11 @@
 """One axis moved at a time, the others left at the base: what a tornado plot shows."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from heli_twin.studies.axes import extremes
-from heli_twin.studies.designs import Batches, Point, need_axes, runs_of_points
-
-if TYPE_CHECKING:
-    from heli_twin.studies.plan import Plan
+from heli_twin.studies.designs import Batches, Point, need_axes
+from heli_twin.studies.space import Space
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,18 +15,18 @@ class OneAtATime:
     adaptive: ClassVar[bool] = False
     kind: Literal["one_at_a_time"] = "one_at_a_time"
 
-    def check(self, plan: "Plan") -> None:
+    def check(self, space: Space) -> None:
         """It needs axes."""
-        need_axes(plan, "one_at_a_time")
+        need_axes(space, "one_at_a_time")
 
-    def count(self, plan: "Plan") -> int:
+    def count(self, space: Space) -> int:
         """The base and the ends."""
-        return runs_of_points(plan, 1 + sum(len(extremes(axis)) for axis in plan.axes.values()))
+        return space.runs(1 + sum(len(extremes(axis)) for axis in space.axes.values()))
 
-    def batches(self, plan: "Plan") -> Batches:
+    def batches(self, space: Space) -> Batches:
         """One batch, the base first."""
         points = [Point({}, {"varied": "", "level": None})]
-        for path, axis in plan.axes.items():
+        for path, axis in space.axes.items():
             for level, value in enumerate(extremes(axis)):
                 points.append(Point({path: value}, {"varied": path, "level": level}))
         yield points

@@ -2,15 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, doc
 
-from heli_twin.studies.designs import Batches, Point, need_axes, runs_of_points
+from heli_twin.studies.designs import Batches, Point, need_axes
 from heli_twin.studies.errors import StudyError
-
-if TYPE_CHECKING:
-    from heli_twin.studies.plan import Plan
+from heli_twin.studies.space import Space
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,33 +22,33 @@ class Sobol:
     kind: Literal["sobol"] = "sobol"
     n: Annotated[int, Ge(2), doc("rows of A and B, a power of 2")] = 64
 
-    def check(self, plan: "Plan") -> None:
+    def check(self, space: Space) -> None:
         """Two axes at least, and a power of two."""
-        need_axes(plan, "sobol")
-        if len(plan.axes) < 2:
+        need_axes(space, "sobol")
+        if len(space.axes) < 2:
             raise StudyError("Sobol indices share a variance out among axes: give at least two")
         if self.n & (self.n - 1):
             raise StudyError(f"design.n = {self.n}: it must be a power of 2, such as {1 << (self.n - 1).bit_length()}")
 
-    def count(self, plan: "Plan") -> int:
+    def count(self, space: Space) -> int:
         """A, B and a mixture for each axis."""
-        return runs_of_points(plan, self.n * (len(plan.axes) + 2))
+        return space.runs(self.n * (len(space.axes) + 2))
 
-    def batches(self, plan: "Plan") -> Batches:
+    def batches(self, space: Space) -> Batches:
         """One batch."""
-        yield self._points(plan)
+        yield self._points(space)
 
-    def _points(self, plan: "Plan") -> Iterator[Point]:
+    def _points(self, space: Space) -> Iterator[Point]:
         from scipy.stats import qmc
 
-        d = len(plan.axes)
-        rows = qmc.Sobol(2 * d, rng=plan.study.seed).random(self.n)
+        d = len(space.axes)
+        rows = qmc.Sobol(2 * d, rng=space.seeds.start).random(self.n)
         A, B = rows[:, :d], rows[:, d:]
         matrices = {"A": A, "B": B}
-        for i, path in enumerate(plan.axes):
+        for i, path in enumerate(space.axes):
             matrices[path] = A.copy()
             matrices[path][:, i] = B[:, i]
         for name, matrix in matrices.items():
             for sample, row in enumerate(matrix.tolist()):
-                changes = {p: a.quantile(u) for (p, a), u in zip(plan.axes.items(), row, strict=True)}
+                changes = {p: a.quantile(u) for (p, a), u in zip(space.axes.items(), row, strict=True)}
                 yield Point(changes, {"matrix": name, "sample": sample})

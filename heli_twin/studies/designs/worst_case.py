@@ -1,16 +1,14 @@
 """The worst case within the axes: a search by Optuna, and as many random points to compare it with."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le, doc
 
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Batches, Point, Row, need_axes
 from heli_twin.studies.errors import StudyError
-
-if TYPE_CHECKING:
-    from heli_twin.studies.plan import Plan
+from heli_twin.studies.space import Space
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,49 +24,48 @@ class WorstCase:
     trials: Annotated[int, Ge(2), doc("points of the search, and of the random baseline")] = 48
     round: Annotated[int, Ge(1), Le(1000), doc("points asked for at a time")] = 8
 
-    def check(self, plan: "Plan") -> None:
+    def check(self, space: Space) -> None:
         """It needs axes that have more than one value."""
-        need_axes(plan, "worst_case")
-        for path, axis in plan.axes.items():
+        need_axes(space, "worst_case")
+        for path, axis in space.axes.items():
             if axis.quantile(0.0) == axis.quantile(1 - 1e-9):
                 raise StudyError(f"axis '{path}' has one value only: there is nothing to search")
 
-    def count(self, plan: "Plan") -> int:
+    def count(self, space: Space) -> int:
         """Search and baseline."""
-        return 2 * self.trials * len(plan.alternatives) * plan.study.replicates
+        return space.runs(2 * self.trials)
 
-    def batches(self, plan: "Plan") -> Batches:
+    def batches(self, space: Space) -> Batches:
         """The baseline, and then the search, round by round."""
         from numpy.random import default_rng
 
-        shares = default_rng(plan.study.seed).random((self.trials, len(plan.axes))).tolist()
-        yield [self._point(plan, row, "random", trial) for trial, row in enumerate(shares)]
-        searches = {alternative.name: self._search(plan) for alternative in plan.alternatives}
+        shares = default_rng(space.seeds.start).random((self.trials, len(space.axes))).tolist()
+        yield [self._point(space, row, "random", trial) for trial, row in enumerate(shares)]
+        searches = {alternative.name: self._search(space) for alternative in space.alternatives}
         for first in range(0, self.trials, self.round):
             numbers = range(first, min(first + self.round, self.trials))
             asked = {(name, number): search.ask() for number in numbers for name, search in searches.items()}
             points = []
             for (name, number), trial in asked.items():
-                row = [trial.suggest_float(path, 0.0, 1.0 - 1e-9) for path in plan.axes]
-                points.append(self._point(plan, row, "search", number)._replace(alternatives=(name,)))
+                row = [trial.suggest_float(path, 0.0, 1.0 - 1e-9) for path in space.axes]
+                points.append(self._point(space, row, "search", number)._replace(alternatives=(name,)))
             rows = yield points
             for (name, number), trial in asked.items():
                 mine = [row for row in rows if row["alternative"] == name and row["trial"] == number]
-                searches[name].tell(trial, _mean_score(plan, mine))
+                searches[name].tell(trial, _mean_score(space, mine))
 
-    def _point(self, plan: "Plan", shares: list[float], how: str, trial: int) -> Point:
-        changes = {path: axis.quantile(share) for (path, axis), share in zip(plan.axes.items(), shares, strict=True)}
+    def _point(self, space: Space, shares: list[float], how: str, trial: int) -> Point:
+        changes = {path: axis.quantile(share) for (path, axis), share in zip(space.axes.items(), shares, strict=True)}
         return Point(changes, {"found_by": how, "trial": trial})
 
-    def _search(self, plan: "Plan") -> Any:
+    def _search(self, space: Space) -> Any:
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        sampler = optuna.samplers.TPESampler(seed=plan.study.seed, n_startup_trials=min(10, self.trials // 2))
+        sampler = optuna.samplers.TPESampler(seed=space.seeds.start, n_startup_trials=min(10, self.trials // 2))
         return optuna.create_study(direction="maximize", sampler=sampler)
 
 
-def _mean_score(plan: "Plan", rows: list[Row]) -> float:
-    study = plan.study
-    scores = [row[study.score] if row["outcome"] == COMPLETED else study.penalty for row in rows]
-    return sum(study.penalty if score is None else score for score in scores) / len(scores)
+def _mean_score(space: Space, rows: list[Row]) -> float:
+    scores = [row[space.score] if row["outcome"] == COMPLETED else space.penalty for row in rows]
+    return sum(space.penalty if score is None else score for score in scores) / len(scores)

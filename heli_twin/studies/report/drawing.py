@@ -77,7 +77,7 @@ def _panel(axes: "Axes", panel: Panel) -> None:
         return
     axes.set_xscale("log" if panel.x_log else "linear")
     axes.set_yscale("log" if panel.y_log else "linear")
-    if not panel.y_log and axes.get_ylim()[0] > 0:
+    if not panel.y_log and axes.dataLim.y0 >= 0:
         axes.set_ylim(bottom=0)
 
 
@@ -162,4 +162,8 @@ def _legend(canvas: Any, figure: Figure) -> None:
     for axes in canvas.axes:
         handles, names = axes.get_legend_handles_labels()
         found |= {name: handle for handle, name in zip(handles, names, strict=True) if name not in found}
-    canvas.legend(found.values(), found.keys(), loc="outside lower center", ncols=min(4, len(found)))
+    for columns in range(min(4, len(found)), 0, -1):
+        legend = canvas.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
+        if columns == 1 or legend.get_window_extent().width <= canvas.bbox.width:
+            break
+        legend.remove()

@@ -21,8 +21,8 @@ def effort(results: Results) -> Iterator[Figure]:
         mine = mine.where(~mine.failed & np.isfinite(mine["effort"].astype(float)))
         if not len(mine):
             continue
-        facts.append(f"{name} works its sticks {number(float(np.median(mine['effort'])), 2)} and errs "
-                     f"{number(float(np.median(mine[results.study.score])) * shown.factor)} {shown.unit}")  # fmt: skip
+        work, error = (float(np.median(mine[column])) for column in ("effort", results.study.score))
+        facts.append(f"{name} works its sticks {number(work, 2)} and errs {number(error * shown.factor)} {shown.unit}")
         mine = mine.where(np.arange(len(mine)) % max(1, -(-len(mine) // CLOUD)) == 0)
         commands = [mine.command(i) for i in range(len(mine))]
         x, y = mine["effort"], mine[results.study.score] * shown.factor

@@ -2,7 +2,7 @@
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -62,14 +62,14 @@ def _failure_panel(
     place: NDArray[np.int64],
     x: Array,
     label: str,
-    names: object,
+    names: Sequence[str],
 ) -> Panel:
     curves = []
     for number_, (name, mask) in enumerate(series.items()):
         mine = results.where(mask)
         rate = grouped_mean(place[mask], mine.failed.astype(float), len(x)).mean
         curves.append(Curve(name, x, 100 * rate, commands=_worst_of(mine, place[mask], len(x)), color=number_))
-    return Panel("failed flights", label, "%", curves, x_names=names or ())  # type: ignore[arg-type]
+    return Panel("failed flights", label, "%", curves, x_names=names)
 
 
 def _series(results: Results, rest: list[str]) -> dict[str, NDArray[np.bool_]]:

@@ -2,10 +2,12 @@
 
 import html
 import json
+from base64 import b64encode
 from pathlib import Path
 
 from heli_twin.studies.report import drawing, interactive
 from heli_twin.studies.report.effort import effort, timing
+from heli_twin.studies.report.fairness import fairness
 from heli_twin.studies.report.figure import Figure, Table
 from heli_twin.studies.report.ladder import ladder
 from heli_twin.studies.report.maps import maps
@@ -17,7 +19,7 @@ from heli_twin.studies.report.tables import provenance, worst
 from heli_twin.studies.report.tornado import tornado
 from heli_twin.studies.report.verdict import verdict
 
-SECTIONS = (verdict, ladder, tornado, maps, margins, sensitivity, search, effort, timing, worst, provenance)
+SECTIONS = (verdict, ladder, tornado, maps, margins, sensitivity, search, effort, timing, worst, fairness, provenance)
 """What a report shows, in this order; a section that does not fit the study shows nothing."""
 
 
@@ -38,13 +40,13 @@ def write_report(folder: Path) -> Path:
         if isinstance(part, Figure):
             drawing.write_svg(part, figures / f"{part.name}.svg")
     page = folder / "report.html"
-    page.write_text(_page(results, parts), encoding="utf-8")
+    page.write_text(_page(results, parts, figures), encoding="utf-8")
     return page
 
 
-def _page(results: Results, parts: list[Figure | Table]) -> str:
+def _page(results: Results, parts: list[Figure | Table], figures: Path) -> str:
     study = results.study
-    body = "\n".join(_figure(part) if isinstance(part, Figure) else _table(part) for part in parts)
+    body = "\n".join(_figure(part, figures) if isinstance(part, Figure) else _table(part) for part in parts)
     contents = " \u00b7 ".join(f'<a href="#{_anchor(part.title)}">{html.escape(part.title)}</a>' for part in parts)
     title = html.escape(study.name.replace("_", " "))
     return TEMPLATE.format(
@@ -54,15 +56,18 @@ def _page(results: Results, parts: list[Figure | Table]) -> str:
         body=body,
         plotly=interactive.library(),
         script=SCRIPT,
-        style=STYLE,
+        style=STYLE + ONCE,
     )
 
 
-def _figure(figure: Figure) -> str:
+def _figure(figure: Figure, folder: Path) -> str:
+    """A figure twice: the interactive one for the screen, the drawn one for paper, where nothing can be clicked."""
+    drawn = b64encode((folder / f"{figure.name}.svg").read_bytes()).decode()
     spec = json.dumps(interactive.spec(figure), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     return (
         f'<section id="{_anchor(figure.title)}"><h2>{html.escape(figure.title)}</h2>'
         f"<p>{html.escape(figure.sentence)}</p>"
+        f'<img alt="{html.escape(figure.title)}" src="data:image/svg+xml;base64,{drawn}">'
         f'<div class="figure"></div><script type="application/json">{spec}</script>'
         f'<p class="tools"><code class="command"></code><a href="figures/{figure.name}.svg">SVG</a></p></section>'
     )
@@ -97,10 +102,27 @@ section > p { margin: .2rem 0 .6rem; max-width: 75ch; }
 th, td { text-align: left; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
 td { min-width: 5.5rem; } td:first-child { min-width: 9rem; } td { font-variant-numeric: tabular-nums; }
 code { font-size: .85em; background: #f4f4f4; padding: .1em .3em; user-select: all; overflow-wrap: anywhere; }
+td:first-child code { white-space: nowrap; }
 .tools { display: flex; gap: 1rem; justify-content: space-between; font-size: .85rem; min-height: 1.5em; }
 .tools { max-width: none; }
-@media print { nav, .tools { display: none; } body { max-width: none; } code { background: none; } }
+@page { size: A4 landscape; margin: 12mm; }
+@media print {
+  :root { font-size: 12px; } body { max-width: none; padding: 0; }
+  nav, .tools { display: none; }
+  section { margin: 1.2rem 0; break-inside: auto; } section:has(img) { break-inside: avoid; }
+  section > p { max-width: none; } h2, h2 + p { break-after: avoid; }
+  .table { overflow: visible; } table { width: 100%; } td, td:first-child { min-width: 0; }
+  thead { display: table-header-group; } tr { break-inside: avoid; }
+  img { max-width: 100%; min-width: 50%; max-height: 130mm; object-fit: contain; object-position: left; }
+  a, code { color: inherit; background: none; text-decoration: none; }
+}
 """
+
+ONCE = """
+@media screen { section > img { display: none; } }
+@media print { .figure { display: none; } }
+"""
+"""Each figure once: interactive on a screen, drawn on paper."""
 
 SCRIPT = """
 for (const place of document.querySelectorAll('.figure')) {

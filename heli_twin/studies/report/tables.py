@@ -6,11 +6,6 @@ from heli_twin.studies.report.figure import Table
 from heli_twin.studies.report.results import Results
 from heli_twin.studies.worst import worst_runs
 
-TUNING = (
-    "Every controller sees the nominal model only, through its own `controller.model`; gains, trim and limits come "
-    "from there, never from the varied plant. All alternatives fly the same reference and the same seeds."
-)
-
 
 def worst(results: Results) -> Iterator[Table]:
     """The ten worst runs."""
@@ -26,8 +21,6 @@ def provenance(results: Results) -> Iterator[Table]:
     rows = [
         ["question", study.question],
         ["design", f"{study.design.kind}, {len(results):,} flights, {study.replicates} shared seeds from {study.seed}"],
-        ["fairness", TUNING],
-        ["tuning budget", _budget(results)],
         ["rows", f"{results.folder / 'results.parquet'}"],
         ["launched", f"{about.get('launched', '')} on {about.get('host', '')}, {about.get('cores', '')} cores"],
         *([key.removeprefix("with."), str(value)] for key, value in about.items() if key.startswith("with.")),
@@ -35,10 +28,3 @@ def provenance(results: Results) -> Iterator[Table]:
     skipped = {"started", "processes"}
     rows = [row for row in rows if row[0] not in skipped and row[1]]
     yield Table("Provenance", "What was flown, with what, where.", ["", ""], rows)
-
-
-def _budget(results: Results) -> str:
-    """What was tuned for this study: only what the study itself changes."""
-    changed = {name: changes for name, changes in results.study.alternatives.items() if changes}
-    words = [f"{name}: {changes}" for name, changes in changed.items()]
-    return "no tuning for this study; " + ("; ".join(words) if words else "every controller at its shipped values")

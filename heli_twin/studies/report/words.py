@@ -21,6 +21,7 @@ NAMES = {
     "variation": "stick travel",
 }
 LENGTHS = ("rmse", "max_abs_error", "p95", "bias", "spread", "sustained")
+UNITS = {"phase_lag": ("ms", 1e3), "settling_time": ("s", 1.0), "overshoot": ("%", 100.0)}
 
 
 class Scale(NamedTuple):
@@ -44,6 +45,8 @@ def metric(name: str) -> Scale:
         return Scale(text, "deg", 180 / np.pi) if axis == "yaw" else Scale(text, "cm", 100.0)
     if stem == "mse":
         return Scale(text, "deg\u00b2", (180 / np.pi) ** 2) if axis == "yaw" else Scale(text, "cm\u00b2", 1e4)
+    if stem in UNITS:
+        return Scale(text, *UNITS[stem])
     if stem.endswith("_ms"):
         return Scale(f"{stem[:-3].replace('_', ' ')} {axis}", "ms", 1.0)
     return Scale("largest tilt", "deg", 180 / np.pi) if name == "tilt.max" else Scale(text, "", 1.0)

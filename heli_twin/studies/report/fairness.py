@@ -1,0 +1,25 @@
+"""Whether a comparison is fair: where the gains of each controller come from, and what each may know."""
+
+from collections.abc import Iterator
+
+from heli_twin.specs import experiment_of
+from heli_twin.studies.plan import alternatives_of
+from heli_twin.studies.report.figure import Table
+from heli_twin.studies.report.results import Results
+from heli_twin.studies.space import varied
+from heli_twin.studies.tuning_record import origin
+
+KNOWN = (
+    "All alternatives fly the same seeds. What a controller knows of the helicopter is its own `controller.model`: "
+    "trim and limits come from there, never from the plant. The table tells each controller as its alternative begins, "
+    "before the design varies anything."
+)
+
+
+def fairness(results: Results) -> Iterator[Table]:
+    """Each alternative's controller and its tuning."""
+    rows: list[list[str]] = []
+    for name, changes in alternatives_of(results.study)[0]:
+        law = experiment_of(varied(results.about["base"], changes)).controller
+        rows.append([name, origin(law, results.study.tuning)])
+    yield Table("Fairness", KNOWN, ["", "controller, and where its gains come from"], rows)

@@ -1,0 +1,62 @@
+"""What a design makes points of: the base experiment, what is compared, what is swept, the seeds."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from heli_twin.configuration import put
+from heli_twin.specs import Tree
+from heli_twin.studies.axes import Axis
+
+
+class Alternative(NamedTuple):
+    """One of the things compared."""
+
+    name: str
+    changes: dict[str, Any]
+    """Of the base: values by dotted path."""
+
+
+@dataclass(frozen=True, slots=True)
+class Space:
+    """Where a design may put its points."""
+
+    base: str
+    """The base experiment, canonical JSON."""
+    alternatives: tuple[Alternative, ...]
+    axes: Mapping[str, Axis]
+    """By the path of the field that each sweeps."""
+    seeds: range
+    """Those that every point is flown with; designs that draw begin from the first."""
+    score: str
+    """The metric that ranks flights, smaller is better."""
+    penalty: float
+    """The score of a flight that failed."""
+
+    def runs(self, points: int) -> int:
+        """How many runs so many points are."""
+        return points * len(self.alternatives) * len(self.seeds)
+
+
+def varied(base: str, changes: Mapping[str, Any]) -> Tree:
+    """An experiment with some fields changed, one after the other.
+
+    Args:
+        base: Canonical JSON.
+        changes: Values by dotted path.
+    """
+    tree = json.loads(base)
+    for path, value in changes.items():
+        # A linspace over a horizon gives 12.0 and 13.5.
+        counts = type(value_at(tree, path)) is int and isinstance(value, float)
+        put(tree, path, round(value) if counts else value)
+    return tree
+
+
+def value_at(tree: Tree, path: str) -> Any:
+    """The value at a dotted path; None where there is none yet."""
+    value: Any = tree
+    for key in path.split("."):
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
