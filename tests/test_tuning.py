@@ -1,5 +1,6 @@
+import multiprocessing
 import signal
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from math import log, pi
@@ -224,29 +225,6 @@ def test_a_budget_of_nothing_is_refused(capsys):
     assert "leaves nothing to try" in capsys.readouterr().err
 
 
-def test_a_tuning_that_is_told_to_stop_ends_its_processes(monkeypatch):
-    left = []
-
-    @contextmanager
-    def watched():
-        def told(work, items):
-            signal.raise_signal(signal.SIGTERM)
-
-        try:
-            yield told
-        finally:
-            left.append(True)
-
-    # Not the default, which would end pytest.
-    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    monkeypatch.setattr("heli_twin.fleet.fleet", watched)
-    try:
-        assert main(["tune", "pid", "--budget", "2"]) == 130
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    assert left == [True]
-
-
 def square(x):
     return x * x
 
@@ -255,3 +233,16 @@ def square(x):
 def test_a_fleet_answers_in_order(cores):
     with fleet(cores) as run:
         assert list(run(square, [3, 1, 2])) == [9, 1, 4]
+
+
+def test_a_fleet_that_is_told_to_stop_ends_its_processes():
+    # Not the default, which would end pytest.
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with pytest.raises(KeyboardInterrupt), fleet(2) as run:
+            assert list(run(square, [3, 1])) == [9, 1]
+            assert multiprocessing.active_children()
+            signal.raise_signal(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert not multiprocessing.active_children()
