@@ -235,14 +235,19 @@ def test_a_fleet_answers_in_order(cores):
         assert list(run(square, [3, 1, 2])) == [9, 1, 4]
 
 
+def stopped():
+    with fleet(2) as run:
+        assert list(run(square, [3, 1])) == [9, 1]
+        assert multiprocessing.active_children()
+        signal.raise_signal(signal.SIGTERM)
+
+
 def test_a_fleet_that_is_told_to_stop_ends_its_processes():
     # Not the default, which would end pytest.
     before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
     try:
-        with pytest.raises(KeyboardInterrupt), fleet(2) as run:
-            assert list(run(square, [3, 1])) == [9, 1]
-            assert multiprocessing.active_children()
-            signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(KeyboardInterrupt):
+            stopped()
     finally:
         signal.signal(signal.SIGTERM, before)
     assert not multiprocessing.active_children()
