@@ -23,7 +23,10 @@ class Controller(Protocol):
 
 
 class ControlLaw(Protocol):
-    """A control law as a value. A frozen dataclass with a literal `kind`."""
+    """A control law as a value. A frozen dataclass with a literal `kind`.
+
+    Studies quote the last paragraph of its docstring, which says where its defaults come from.
+    """
 
     @property
     def period(self) -> float:
