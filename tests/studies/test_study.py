@@ -1,7 +1,5 @@
 import json
-from graphlib import TopologicalSorter
 
-import grimp
 import pytest
 
 from heli_twin.errors import HeliTwinError
@@ -177,17 +175,3 @@ def test_every_shipped_study_can_be_flown(name):
     assert study.question.endswith("?")
     assert len(plan.space.alternatives) > 1 or plan.space.axes
     next(plan.runs(next(plan.batches())))
-
-
-def test_no_module_of_the_studies_imports_itself_by_a_detour():
-    graph = grimp.build_graph("heli_twin")
-    rooms = {"heli_twin.studies", *graph.find_descendants("heli_twin.studies")}
-    # Raises on a circle; imports for type checkers alone count too.
-    assert (
-        len(
-            list(
-                TopologicalSorter({m: graph.find_modules_directly_imported_by(m) & rooms for m in rooms}).static_order()
-            )
-        )
-        > 20
-    )
