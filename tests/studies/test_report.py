@@ -12,7 +12,7 @@ import pytest
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.report import write_report
 from heli_twin.studies.report.drawing import write_svg
-from heli_twin.studies.report.figure import Curve, Figure, Panel
+from heli_twin.studies.report.figure import Curve, Figure, Panel, edges
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import study_of
 
@@ -25,6 +25,7 @@ STUDIES = {
     "sweep": {"axes": {GUST: {"linspace": [0.1, 0.9, 5]}}},
     "map": {"axes": {GUST: {"linspace": [0.1, 0.9, 4]}, BIAS: {"linspace": [0.0, 0.5, 3]}}},
     "named": {"axes": {"trajectory": ["hover", "circle"]}},
+    "decades": {"axes": {GUST: {"logspace": [0.01, 1.0, 4]}, BIAS: {"linspace": [0.0, 0.5, 3]}}},
     "tornado": {"design": "one_at_a_time", "axes": RANGES},
     "cloud": {"design": {"kind": "latin_hypercube", "points": 8}, "axes": RANGES},
     "sobol": {"design": {"kind": "sobol", "n": 8}, "axes": RANGES},
@@ -139,3 +140,25 @@ def test_the_search_finds_what_it_looks_for(reports):
     rows = [row for row in rows_of(reports / "search") if row["outcome"] == "completed"]
     best = {how: max(row[GUST] for row in rows if row["found_by"] == how) for how in ("search", "random")}
     assert best["search"] > 0.7
+
+
+def test_an_axis_of_names_is_rows_in_the_order_of_the_study(reports):
+    figure = figures_of(reports, "named")[0]
+    assert figure["layout"]["yaxis"]["ticktext"] == ["hover", "circle"]
+    # Rows of dots that no line joins.
+    assert {trace["mode"] for trace in figure["data"]} == {"markers"}
+
+
+def test_a_map_over_decades_is_logarithmic(reports):
+    figure = figures_of(reports, "decades")[0]
+    assert (figure["layout"]["xaxis"]["type"], figure["layout"]["yaxis"]["type"]) == ("log", "linear")
+    heat = figure["data"][0]
+    # Borders: the cells of four values that are a factor of 4.64 apart.
+    np.testing.assert_allclose(np.diff(np.log10(heat["x"])), 2 / 3, rtol=1e-4)
+    np.testing.assert_allclose(heat["y"], [-0.125, 0.125, 0.375, 0.625])
+
+
+def test_the_borders_of_cells_lie_between_their_centres():
+    np.testing.assert_allclose(edges(np.array([1.0, 2.0, 4.0]), log=False), [0.5, 1.5, 3.0, 5.0])
+    np.testing.assert_allclose(edges(np.array([1.0, 4.0]), log=True), [0.5, 2.0, 8.0])
+    np.testing.assert_allclose(edges(np.array([3.0]), log=False), [2.5, 3.5])

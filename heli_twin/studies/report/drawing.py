@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heli_twin.studies.report.figure import FAILURE, Bars, Curve, Dots, Figure, Heat, Mark, Panel, color, shades
+from heli_twin.studies.report.figure import FAILURE, Bars, Curve, Dots, Figure, Heat, Mark, Panel, color, edges, shades
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,17 +67,16 @@ def _panel(axes: "Axes", panel: Panel) -> None:
             case Dots():
                 _dots(axes, mark, (dots.index(mark) - 0.5 * (len(dots) - 1)) * 0.7 / len(dots))
             case Heat():
-                _heat(axes, mark)
-    if panel.x_names:
-        axes.set_xticks(range(len(panel.x_names)), panel.x_names)
+                _heat(axes, mark, panel)
+    if panel.x_log:
+        _log_scale(axes)
+    elif dots and axes.dataLim.x0 >= 0:
+        axes.set_xlim(left=0)
+    if panel.y_log:
+        axes.set_yscale("log")
     if any(isinstance(mark, Heat | Bars | Dots) for mark in panel.marks):
         axes.grid(False)
-        if dots and panel.x_log:
-            _log_scale(axes)
-        return
-    axes.set_xscale("log" if panel.x_log else "linear")
-    axes.set_yscale("log" if panel.y_log else "linear")
-    if not panel.y_log and axes.dataLim.y0 >= 0:
+    elif not panel.y_log and axes.dataLim.y0 >= 0:
         axes.set_ylim(bottom=0)
 
 
@@ -131,17 +130,17 @@ def _dots(axes: "Axes", mark: Dots, offset: float) -> None:
     axes.set_ylim(len(mark.names) - 0.4, -0.6)
 
 
-def _heat(axes: "Axes", mark: Heat) -> None:
-    options: dict[str, Any] = {"cmap": "RdBu_r" if mark.diverging else "cividis", "shading": "nearest"}
+def _heat(axes: "Axes", mark: Heat, panel: Panel) -> None:
+    options: dict[str, Any] = {"cmap": "RdBu_r" if mark.diverging else "cividis"}
     if mark.diverging:
         top = float(np.nanmax(np.abs(mark.values))) if np.isfinite(mark.values).any() else 1.0
         options |= {"vmin": -top, "vmax": top}
     elif mark.limits:
         options |= {"vmin": mark.limits[0], "vmax": mark.limits[1]}
-    for side, values in ((axes.set_xlim, mark.x), (axes.set_ylim, mark.y)):
-        if len(values) > 1:
-            side(1.5 * values[0] - 0.5 * values[1], 1.5 * values[-1] - 0.5 * values[-2])
-    picture = axes.pcolormesh(mark.x, mark.y, np.ma.masked_invalid(mark.values), **options)
+    x, y = edges(mark.x, panel.x_log), edges(mark.y, panel.y_log)
+    picture = axes.pcolormesh(x, y, np.ma.masked_invalid(mark.values), **options)
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(y[0], y[-1])
     axes.figure.colorbar(picture, ax=axes, label=mark.unit)
     if mark.failure is not None and np.nanmax(mark.failure) >= FAILURE > np.nanmin(mark.failure):
         axes.contour(mark.x, mark.y, mark.failure, [FAILURE], colors="black", linewidths=1.5)

@@ -78,8 +78,6 @@ class Panel(NamedTuple):
     marks: Sequence[Mark]
     x_log: bool = False
     y_log: bool = False
-    x_names: Sequence[str] = ()
-    """Names of the places 0, 1, ... on the x axis, if it has no numbers."""
 
 
 class Figure(NamedTuple):
@@ -126,3 +124,14 @@ def decades(values: Array) -> bool:
     """Whether values are better shown on a logarithmic axis."""
     values = values[np.isfinite(values)]
     return bool(len(values) and values.min() > 0 and values.max() > 30 * values.min())
+
+
+def edges(centres: Array, log: bool) -> Array:
+    """The n + 1 borders of the cells of a map about these n ascending values."""
+    at = np.log(centres) if log else np.asarray(centres, float)
+    if len(at) == 1:
+        at = at + np.array([-0.5, 0.5])
+    else:
+        between = 0.5 * (at[1:] + at[:-1])
+        at = np.concatenate([[2 * at[0] - between[0]], between, [2 * at[-1] - between[-1]]])
+    return np.exp(at) if log else at

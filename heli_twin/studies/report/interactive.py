@@ -5,7 +5,20 @@ from typing import Any
 
 import numpy as np
 
-from heli_twin.studies.report.figure import FAILURE, Array, Bars, Curve, Dots, Figure, Heat, Mark, Panel, color, shades
+from heli_twin.studies.report.figure import (
+    FAILURE,
+    Array,
+    Bars,
+    Curve,
+    Dots,
+    Figure,
+    Heat,
+    Mark,
+    Panel,
+    color,
+    edges,
+    shades,
+)
 
 Trace = dict[str, Any]
 
@@ -57,7 +70,7 @@ def _traces(panel: Panel, mark: Mark) -> Iterator[Trace]:
         case Dots():
             yield _dots(panel, mark)
         case Heat():
-            yield from _heat(mark)
+            yield from _heat(panel, mark)
 
 
 def _curve(mark: Curve) -> Iterator[Trace]:
@@ -110,9 +123,10 @@ def _dots(panel: Panel, mark: Dots) -> Trace:
     return _with_commands(trace, mark.commands)
 
 
-def _heat(mark: Heat) -> Iterator[Trace]:
+def _heat(panel: Panel, mark: Heat) -> Iterator[Trace]:
     z = [_list(row) for row in mark.values]
-    trace: Trace = {"type": "heatmap", "x": _list(mark.x), "y": _list(mark.y), "z": z, "showlegend": False}
+    x, y = edges(mark.x, panel.x_log), edges(mark.y, panel.y_log)
+    trace: Trace = {"type": "heatmap", "x": _list(x), "y": _list(y), "z": z, "showlegend": False}
     trace["hovertemplate"] = f"%{{x:.4g}}, %{{y:.4g}}: %{{z:.3g}} {mark.unit}<extra></extra>"
     if mark.commands:
         trace["customdata"] = [list(row) for row in mark.commands]
@@ -181,10 +195,10 @@ def _x_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
     axis |= {"gridcolor": "#eee", "linecolor": "#888", "ticks": "outside", "type": "log" if panel.x_log else "linear"}
     if panel.x_log:
         axis["dtick"] = "D2"
-    if edges := _edges(panel, 0):
-        axis["range"] = edges
-    if panel.x_names:
-        axis |= {"tickvals": list(range(len(panel.x_names))), "ticktext": list(panel.x_names)}
+    if ends := _ends(panel, 0):
+        axis["range"] = ends
+    elif any(isinstance(mark, Dots) for mark in panel.marks) and not panel.x_log:
+        axis["rangemode"] = "tozero"
     return axis
 
 
@@ -196,17 +210,18 @@ def _y_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
     if names := _names(panel):
         ticks = {"tickvals": list(range(len(names))), "ticktext": list(names)}
         return axis | ticks | {"range": [len(names) - 0.4, -0.6], "automargin": True}
-    if edges := _edges(panel, 1):
-        return axis | {"range": edges}
-    return axis | ({"type": "log", "dtick": "D2"} if panel.y_log else {"rangemode": "tozero"})
+    axis |= {"type": "log", "dtick": "D2"} if panel.y_log else {"rangemode": "tozero"}
+    ends = _ends(panel, 1)
+    return axis | ({"range": ends} if ends else {})
 
 
-def _edges(panel: Panel, side: int) -> list[float]:
-    """The whole of a map, its empty cells too."""
+def _ends(panel: Panel, side: int) -> list[float]:
+    """The whole of a map, its empty cells too; plotly wants logarithms on a logarithmic axis."""
+    log = panel.y_log if side else panel.x_log
     for mark in panel.marks:
-        if isinstance(mark, Heat) and len(mark.y if side else mark.x) > 1:
-            values = mark.y if side else mark.x
-            return [float(1.5 * values[0] - 0.5 * values[1]), float(1.5 * values[-1] - 0.5 * values[-2])]
+        if isinstance(mark, Heat):
+            low, *_, high = edges(mark.y if side else mark.x, log)
+            return [float(np.log10(end)) for end in (low, high)] if log else [float(low), float(high)]
     return []
 
 

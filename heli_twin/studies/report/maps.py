@@ -2,7 +2,7 @@
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import groupby
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_twin.studies.inference import grouped_mean
-from heli_twin.studies.report.figure import FAILURE, Array, Curve, Figure, Heat, Panel, decades
+from heli_twin.studies.report.figure import FAILURE, Array, Curve, Dots, Figure, Heat, Panel, decades
 from heli_twin.studies.report.results import Results
 from heli_twin.studies.report.words import field, listed, metric, number
 
@@ -33,54 +33,73 @@ def maps(results: Results) -> Iterator[Figure]:
 
 
 def _sweep(results: Results, path: str) -> Figure:
-    """Every metric along one axis, alternatives and the other axes' values as curves."""
+    """Every metric along one axis, alternatives and the other axes' values as curves; rows of dots for names."""
     series = _series(results, [p for p in results.axes if p != path])
-    values, place = np.unique(results[path].astype(str if not results.is_number(path) else float), return_inverse=True)
-    names = () if results.is_number(path) else [str(value) for value in values]
-    scale = field(path, [] if names else values.tolist())
-    x = np.arange(len(values), dtype=float) if names else values * scale.factor
+    values, place = _places(results, path)
     chosen = [m for m in dict.fromkeys((results.study.score, *results.study.metrics)) if m in results]
-    panels = []
-    for name in chosen:
-        shown = metric(name)
-        curves = []
-        for number_, (label, mask) in enumerate(series.items()):
-            mine = results.where(mask)
-            mean = grouped_mean(place[mask], mine.metric(name), len(values))
-            commands = _worst_of(mine, place[mask], len(values))
-            band = (mean.low * shown.factor, mean.high * shown.factor) if (mean.n > 1).any() else (None, None)
-            curves.append(Curve(label, x, mean.mean * shown.factor, *band, commands=commands, color=number_))
-        panels.append(Panel(shown.name, scale.label, shown.label, curves, x_names=names))
-    panels.append(_failure_panel(results, series, place, x, scale.label, names))
+    shown = {name: (metric(name), results.metric(name)) for name in chosen}
+    panels = [
+        _along(results, path, values, place, series, what.name, what.label, what.factor * column)
+        for what, column in shown.values()
+    ]
+    if results.failed.any():
+        rate = 100 * results.failed.astype(float)
+        panels.append(_along(results, path, values, place, series, "failed flights", "%", rate))
     title = f"Along {path}"
     return Figure(f"along-{_slug(path)}", title, _sweep_sentence(results, path, values, place, series, chosen), panels)
 
 
-def _failure_panel(
+def _places(results: Results, path: str) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """The values of an axis, numbers in their order and names in the study's, and where each row is among them."""
+    if results.is_number(path):
+        return np.unique(results[path], return_inverse=True)
+    names, first, place = np.unique(results[path].astype(str), return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return np.array(_short(names[order].tolist())), np.argsort(order)[place]
+
+
+def _short(names: list[str]) -> list[str]:
+    """Specs such as `circle radius=0.5 rate=1.0` by their kinds, where those tell them apart."""
+    kinds = [name.partition(" ")[0] for name in names]
+    return kinds if any("=" in name for name in names) and len(set(kinds)) == len(names) else names
+
+
+def _along(
     results: Results,
-    series: dict[str, NDArray[np.bool_]],
+    path: str,
+    values: NDArray[Any],
     place: NDArray[np.int64],
-    x: Array,
+    series: dict[str, NDArray[np.bool_]],
+    title: str,
     label: str,
-    names: Sequence[str],
+    column: Array,
 ) -> Panel:
-    curves = []
+    """One quantity, in the unit it is shown in, along an axis."""
+    marks: list[Curve | Dots] = []
+    numbers = results.is_number(path)
+    scale = field(path, values.tolist() if numbers else [])
     for number_, (name, mask) in enumerate(series.items()):
-        mine = results.where(mask)
-        rate = grouped_mean(place[mask], mine.failed.astype(float), len(x)).mean
-        curves.append(Curve(name, x, 100 * rate, commands=_worst_of(mine, place[mask], len(x)), color=number_))
-    return Panel("failed flights", label, "%", curves, x_names=names)
+        mean = grouped_mean(place[mask], column[mask], len(values))
+        commands = _worst_of(results.where(mask), place[mask], len(values))
+        band = (mean.low, mean.high) if (mean.n > 1).any() else (None, None)
+        if numbers:
+            x = values * scale.factor
+            marks.append(Curve(name, x, mean.mean, *band, commands=commands, color=number_))
+        else:
+            low, high = (mean.mean if side is None else side for side in band)
+            marks.append(Dots(name, values.tolist(), mean.mean, low, high, commands=commands, color=number_))
+    if numbers:
+        return Panel(title, scale.label, label, marks, x_log=decades(values))
+    return Panel(title, label, "", marks)
 
 
 def _series(results: Results, rest: list[str]) -> dict[str, NDArray[np.bool_]]:
     """A name for each alternative with each combination of the other axes, and its rows."""
     labels = results["alternative"].astype(object)
     for path in rest:
-        labels = (
-            labels
-            + f", {path} "
-            + np.array([f"{v:g}" if isinstance(v, float) else str(v) for v in results[path]], object)
-        )
+        values, place = _places(results, path)
+        names = [f"{v:g}" if results.is_number(path) else str(v) for v in values]
+        labels = labels + f", {path} " + np.array(names, object)[place]
     names, first = np.unique(labels.astype(str), return_index=True)
     return {str(names[i]): labels == names[i] for i in np.argsort(first)}
 
@@ -182,8 +201,15 @@ def _maps(results: Results, across: str, up: str) -> Iterator[Figure]:
     every = np.concatenate([mean.ravel() for mean, _, _ in found.values()])
     limits = tuple(np.nanpercentile(every, [0, 98]).tolist()) if np.isfinite(every).any() else None
     place = (x_scale.factor * xs, y_scale.factor * ys)
+    logs = (decades(xs), decades(ys))
     panels = [
-        Panel(name, x_scale.label, y_scale.label, [Heat(*place, mean, shown.unit, failure, False, limits, commands)])
+        Panel(
+            name,
+            x_scale.label,
+            y_scale.label,
+            [Heat(*place, mean, shown.unit, failure, False, limits, commands)],
+            *logs,
+        )
         for name, (mean, failure, commands) in found.items()
     ]
     first, *others = found
@@ -195,6 +221,7 @@ def _maps(results: Results, across: str, up: str) -> Iterator[Figure]:
                 x_scale.label,
                 y_scale.label,
                 [Heat(*place, difference, shown.unit, diverging=True)],
+                *logs,
             )
         )
     rest = [p for p in results.axes if p not in (across, up)]
