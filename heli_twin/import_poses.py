@@ -18,7 +18,7 @@ from heli_twin.configuration import load
 from heli_twin.experiment import Experiment
 from heli_twin.mission import provenance
 from heli_twin.pictures import planned_path
-from heli_twin.pose_csv import Column, Recording, read_recording
+from heli_twin.pose_csv import Column, ImportRefused, Recording, read_recording
 from heli_twin.recording import Attachment, LogError, Recorder
 from heli_twin.refly import ORIGIN
 from heli_twin.specs import canonical_json, toml_of
@@ -37,14 +37,19 @@ def import_poses(path: Path, columns: Mapping[str, Column], out: Path, overrides
     Raises:
         HeliTwinError: The file cannot be imported or the log cannot be written.
     """
+    fields = {text.partition("=")[0].strip().split(".")[0] for text in overrides}
+    if out.suffix != ".mcap":
+        raise LogError(f"the log cannot be called {out}: give it a name that ends in .mcap")
+    if "duration" in fields:
+        raise ImportRefused("duration follows from the recording: leave it out")
     experiment = load(None, overrides)
     recording = read_recording(path, columns, getattr(experiment.mocap, "latency", 0.0))
     end = int(max(recording.arrival[-1], recording.command_time.max(initial=0)))
-    planned = any(text.split("=")[0].strip().split(".")[0] == "trajectory" for text in overrides)
+    planned = "trajectory" in fields
     if not planned:
         x, y, z = recording.position[0].tolist()
         experiment = replace(experiment, trajectory=Hover(x=x, y=y, height=max(z, 0.01)))
-    experiment = replace(experiment, duration=max(1e-9 * end, experiment.controller.period))
+    experiment = replace(experiment, duration=max(end / 1e9, experiment.controller.period))
     recorder = Recorder(
         out,
         experiment=canonical_json(experiment),
@@ -52,22 +57,27 @@ def import_poses(path: Path, columns: Mapping[str, Column], out: Path, overrides
         attachments=[Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())],
     )
     with recorder, threadpool_limits(limits=1):
-        recorder.event(0, "info", "import", f"{len(recording.stamp)} poses, {recording.lost} frames lost")
+        recorder.event(0, "info", "import", f"{len(recording.stamp)} poses, {recording.lost} rows without one")
         if planned:
             recorder.reference_path(0, planned_path(experiment))
-        _estimate(recording, experiment, recorder, end, planned)
+        refused = _estimate(recording, experiment, recorder, end, planned)
         recorder.close("imported", end, text=f"{1e-9 * end:.2f} s of poses from {path.name}")
     if recorder.trouble:
         raise LogError(recorder.trouble)
-    return recording
+    return recording._replace(refused=refused)
 
 
-def _estimate(recording: Recording, experiment: Experiment, recorder: Recorder, end: int, planned: bool) -> None:
-    """Record poses, commands and, at control steps, estimates and the plan, in the order in which they were known."""
+def _estimate(recording: Recording, experiment: Experiment, recorder: Recorder, end: int, planned: bool) -> int:
+    """Record poses, commands and, at control steps, estimates and the plan, in the order in which they were known.
+
+    Returns:
+        How many poses the estimator refused.
+    """
     law = experiment.controller
     period = nanoseconds(law.period)
     estimator = experiment.estimator.start(law.model)
     preview = ReferencePreview(experiment.trajectory, law.model, period, 0)
+    refused = 0
     times = (recording.arrival, np.arange(0, end + 1, period), recording.command_time)
     # At one time: poses first, then the control step, then the command.
     moments = [(int(t), rank, i) for rank, column in enumerate(times) for i, t in enumerate(column)]
@@ -82,6 +92,8 @@ def _estimate(recording: Recording, experiment: Experiment, recorder: Recorder, 
             estimate = estimator.estimate(t)
             if estimate is not None:
                 recorder.estimate(t, estimate)
+                refused = estimate.rejected
         else:
             recorder.sent(t, Command(t, recording.u[i]))
             estimator.command_sent(t, recording.u[i])
+    return refused

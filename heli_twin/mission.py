@@ -15,6 +15,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from controllers.errors import InfeasibleTrajectory
 from controllers.flatness import state
@@ -177,6 +178,7 @@ def provenance() -> dict[str, str]:
         "platform": platform.platform(),
     }
     found["cpu"] = _cpu()
+    found["vectors"] = _vectors()
     found["processes"] = str(os.cpu_count())
     found["git_commit"] = _git_commit()
     return found | _versions()
@@ -201,6 +203,15 @@ def _cpu() -> str:
     except OSError:
         return platform.processor()
     return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.processor())
+
+
+@cache
+def _vectors() -> str:
+    """The vector instructions that NumPy and its BLAS use here: what last digits depend on."""
+    libraries = [lib for lib in threadpool_info() if lib["user_api"] == "blas"]
+    blas = {f"{lib['internal_api']} {lib.get('architecture')}" for lib in libraries}
+    numpy: Any = np.show_config(mode="dicts")
+    return ", ".join([*numpy["SIMD Extensions"]["found"], *sorted(blas)])
 
 
 @cache

@@ -23,6 +23,8 @@ FARTHEST = 100.0
 """m: the farthest that cameras in a room can see."""
 MAX_SECONDS = 36_000.0
 """s: the longest flight that an experiment can describe."""
+FASTEST, SLOWEST = 1e-4, 1.0
+"""s: between two frames of cameras; anything else is a clock in another unit."""
 
 
 class ImportRefused(HeliTwinError):
@@ -53,7 +55,9 @@ class Recording(NamedTuple):
     u: Array
     """(m, 4) fraction of full stick."""
     lost: int
-    """Rows without a pose: frames in which the cameras lost the helicopter."""
+    """Rows without a pose: frames in which the cameras lost the helicopter, or commands between two frames."""
+    refused: int = 0
+    """Poses that the estimator took for outliers."""
 
 
 def parse_map(text: str) -> dict[str, Column]:
@@ -70,6 +74,8 @@ def parse_map(text: str) -> dict[str, Column]:
         field, equals, column = part.partition("=")
         if field not in FIELDS or not equals or not column:
             raise ImportRefused(f"'{part}' maps no column: write field=column, the fields are {', '.join(FIELDS)}")
+        if field in columns:
+            raise ImportRefused(f"'{part}': {field} is column '{columns[field].name}' already, name it once")
         name, star, factor = column.rpartition("*")
         try:
             columns[field] = Column(name, float(factor)) if star else Column(column)
@@ -112,12 +118,14 @@ class _Place(NamedTuple):
 def _places(path: Path, header: Sequence[str], columns: Mapping[str, Column]) -> dict[str, _Place]:
     """Where each field stands in a row."""
     places: dict[str, _Place] = {}
+    known = ", ".join(header[:30]) or "none"
     for field in FIELDS:
         column = columns.get(field, Column(field))
+        if header.count(column.name) > 1:
+            raise ImportRefused(f"{path}, line 1 names '{column.name}' twice: rename one of these columns")
         if column.name in header:
             places[field] = _Place(header.index(column.name), column)
         elif field in columns:
-            known = ", ".join(header[:30]) or "none"
             raise ImportRefused(f"{path}, line 1 names no column '{column.name}': its columns are {known}")
     if "yaw" in columns and not any(field in columns for field in QUATERNION):
         places = {field: place for field, place in places.items() if field not in QUATERNION}
@@ -125,8 +133,10 @@ def _places(path: Path, header: Sequence[str], columns: Mapping[str, Column]) ->
     commands = COMMANDS if any(field in places for field in COMMANDS) else ()
     for field in ("time", *POSITION, *attitude, *commands):
         if field not in places:
+            near = next((name for name in header if name.lower() == field), "COLUMN")
             raise ImportRefused(
-                f"{path}, line 1 names no column for {field}: say which it is with --map {field}=COLUMN"
+                f"{path}, line 1 names no column for {field}: its columns are {known}; say which it is with"
+                f" --map {field}={near}"
             )
     return places
 
@@ -157,9 +167,15 @@ class _Rows:
         if math.isnan(self._start):
             self._start = time
         if time <= self._last:
-            raise self._refused("time", f"{time:.9g} s does not come after {self._last:.9g} s, the row before")
+            raise self._refused(
+                "time", f"{time:.9g} s does not come after {self._last:.9g} s, the row before: sort the rows by time"
+            )
         if time - self._start > MAX_SECONDS:
-            raise self._refused("time", f"{time - self._start:.9g} s after the first row: {MAX_SECONDS:g} s at most")
+            raise self._refused(
+                "time",
+                f"{time - self._start:.9g} s after the first row, {MAX_SECONDS:g} s at most: is it in ns? Then map"
+                " time=COLUMN*1e-9",
+            )
         self._last = time
         arrival = self._number(row, "arrival") if "arrival" in self._places else math.nan
         if arrival < time or arrival - time > MAX_SECONDS:
@@ -168,7 +184,10 @@ class _Rows:
         far = next((field for field, p in zip(POSITION, pose, strict=False) if abs(p) > FARTHEST), None)
         if far is not None:
             raise self._refused(far, f"more than {FARTHEST:g} m away: is it in mm? Then map {far}=COLUMN*0.001")
-        if any(math.isnan(number) for number in pose):
+        unknown = [math.isnan(number) for number in pose]
+        if any(unknown) and not all(unknown) and len(row) <= max(place.at for place in self._places.values()):
+            raise self._refused(POSITION[0], f"the row ends after {len(row)} columns, in the middle of a pose")
+        if any(unknown):
             self._lost += 1
         else:
             self._poses.extend((time - self._start, arrival - self._start, *pose[:3], *self._quaternion(pose[3:])))
@@ -182,9 +201,11 @@ class _Rows:
         at, column = self._places[field]
         text = row[at].strip() if at < len(row) else ""
         try:
-            number = float(text) * column.factor if text else math.nan
+            # Python takes 1_000 for a number.
+            number = float(text.replace("_", "?")) * column.factor if text else math.nan
         except ValueError:
-            raise self._refused(field, f"'{text[:40]}' is not a number") from None
+            hint = ": write a decimal point" if "," in text else ""
+            raise self._refused(field, f"'{text[:40]}' is not a number{hint}") from None
         if math.isinf(number) or (needed and math.isnan(number)):
             raise self._refused(field, f"'{text[:40]}' is not a finite number")
         return number
@@ -199,7 +220,9 @@ class _Rows:
 
     def _stick(self, field: str, u: float) -> float:
         if abs(u) > 1.0:
-            raise self._refused(field, f"{u:.4g} is beyond full stick, which is 1")
+            raise self._refused(
+                field, f"{u:.4g} is beyond full stick, which is 1: is it in percent? Then map {field}=COLUMN*0.01"
+            )
         return u
 
     def _refused(self, field: str, what: str) -> ImportRefused:
@@ -209,6 +232,13 @@ class _Rows:
         """All rows, poses in order of arrival."""
         poses = np.frombuffer(self._poses, float).reshape(-1, 9)
         commands = np.frombuffer(self._commands, float).reshape(-1, 5)
+        apart = float(np.median(np.diff(poses[:, 0]))) if len(poses) > 1 else SLOWEST
+        if not FASTEST <= apart <= SLOWEST:
+            unit = "ms? Then map time=COLUMN*0.001" if apart > SLOWEST else "s?"
+            raise ImportRefused(
+                f"{self._path}, column '{self._places['time'].column.name}': frames are {apart:g} s apart,"
+                f" {FASTEST:g} to {SLOWEST:g} s is possible: is it in {unit}"
+            )
         stamp = _ns(poses[:, 0])
         arrival = np.where(np.isnan(poses[:, 1]), stamp + nanoseconds(latency), _ns(np.nan_to_num(poses[:, 1])))
         order = np.argsort(arrival, kind="stable")

@@ -89,6 +89,9 @@ def resolve(log: Log, overrides: Sequence[str] = ()) -> Resolution:
 
 def _with_controller(flown: Experiment, overrides: Sequence[str]) -> Experiment:
     """The experiment with another controller, which starts from what was believed in flight."""
+    word = next((text for text in overrides if "=" not in text), None)
+    if word is not None:
+        raise HeliTwinError(f"'{word}' is no change: write path=value, such as controller.horizon=12")
     paths = [text.partition("=")[0].strip() for text in overrides]
     other = next((path for path in paths if path.split(".")[0] != "controller"), None)
     if other is not None:

@@ -3,6 +3,7 @@
 The numbers are not copied: a column of Arrow is the NumPy column of the log. Vectors are lists of fixed size.
 """
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ def _column(values: np.ndarray[Any, Any]) -> pa.Array:
 
 
 def write_parquet(log: Log, folder: Path) -> list[tuple[Path, int]]:
-    """Write one Parquet file a topic: `/mocap/pose` is `mocap_pose.parquet`.
+    """Write one Parquet file a topic: `/mocap/pose` is `mocap_pose.parquet`; all of them or none.
 
     Returns:
         Each file and its number of rows.
@@ -77,10 +78,17 @@ def write_parquet(log: Log, folder: Path) -> list[tuple[Path, int]]:
     present = next((path for path in files if path.exists()), None)
     if present is not None:
         raise HeliTwinError(f"{present} exists already: choose another folder or move it away")
+    parts = [path.with_name(f"{path.name}.part") for path in files]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for path, found in files.items():
-            pq.write_table(found, path, compression="zstd")
+        for part, found in zip(parts, files.values(), strict=True):
+            pq.write_table(found, part, compression="zstd")
+        for part, path in zip(parts, files, strict=True):
+            part.rename(path)
     except (OSError, pa.ArrowException) as error:
         raise HeliTwinError(f"Parquet files cannot be written to {folder}: {error}") from error
+    finally:
+        for part in parts:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
     return [(path, found.num_rows) for path, found in files.items()]

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 
-from heli_twin import HeliTwinError, read_log
+from heli_twin import HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
+from heli_twin.identification.data import stretches
 from heli_twin.import_poses import import_poses
 from heli_twin.metrics import metrics
 from heli_twin.pose_csv import Column, parse_map
@@ -89,6 +91,51 @@ def test_a_trajectory_that_is_given_is_the_reference(tmp_path: Path) -> None:
     assert len(log.reference.time) > 45
 
 
+def test_a_real_flight_moves_in_viewers_that_know_nothing_of_us(tmp_path: Path) -> None:
+    tf = _imported(tmp_path, HEAD, *ROWS).messages["/tf"]
+    # Every 40 ms of a second.
+    assert len(tf.times) == 25
+    last = FrameTransform.FromString(bytes(tf.data[-1]))
+    np.testing.assert_allclose(last.translation.x, 9.6, atol=1e-12)
+
+
+def test_identification_sees_an_import_as_it_sees_the_flight(tmp_path: Path) -> None:
+    """In mm and percent, with a clock of its own, poses and commands in rows of their own."""
+    flight = fly(load("ideal", ["trajectory=doublets", "duration=12"]), log_dir=None).log
+    rows: dict[int, list[object]] = {}
+    for t, pose in zip(flight.pose.stamp, np.hstack([1e3 * flight.pose.position, flight.pose.quat_wxyz]), strict=True):
+        rows[int(t)] = [*pose.tolist(), "", "", "", ""]
+    for t, u in zip(flight.sent.time, 100 * flight.sent.u, strict=True):
+        rows[int(t)] = [*rows.get(int(t), [""] * 7)[:7], *u.tolist()]
+    lines = [";".join(map(str, [5.0 + 1e-9 * t, *rows[t]])) for t in sorted(rows)]
+    head = "Time (s);TX;TY;TZ;RW;RX;RY;RZ;pitch (%);roll (%);thrust (%);turn (%)"
+    columns = (
+        "time=Time (s),x=TX*1e-3,y=TY*1e-3,z=TZ*1e-3,qw=RW,qx=RX,qy=RY,qz=RZ,"
+        "ux=pitch (%)*0.01,uy=roll (%)*0.01,uz=thrust (%)*0.01,uyaw=turn (%)*0.01"
+    )
+    (ours,), (theirs,) = stretches(_imported(tmp_path, head, *lines, columns=columns), ""), stretches(flight, "")
+    for axis, equation in theirs.axes.items():
+        # Differentiating twice magnifies the rounding of a float's last digit 1e4 times.
+        np.testing.assert_allclose(ours.axes[axis].accel, equation.accel, atol=1e-9)
+        np.testing.assert_allclose(ours.axes[axis].input(0.1, 0.02), equation.input(0.1, 0.02), atol=1e-9)
+
+
+def test_poses_in_other_units_are_noticed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    degrees = [f"{0.01 * i:.3f},0,0,1,{20.0 * 0.01 * i}" for i in range(100)]
+    assert main(["import", str(_file(tmp_path, HEAD, *degrees))]) == 0
+    assert "the estimator refused" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("mistake", [["--out", "run.csv"], ["duration=5"], ["trajectory=cirle"]])
+def test_a_mistake_in_the_command_leaves_nothing(
+    tmp_path: Path, mistake: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = _file(tmp_path, HEAD, *ROWS)
+    assert main(["import", str(path), *mistake]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert [*tmp_path.iterdir()] == [path]
+
+
 def test_metrics_of_an_import_are_unknown_and_not_wrong(tmp_path: Path) -> None:
     assert metrics(_imported(tmp_path, HEAD, *ROWS))["rmse"]["x"] is None
 
@@ -96,6 +143,13 @@ def test_metrics_of_an_import_are_unknown_and_not_wrong(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
+        (("Time,x,y,z,yaw", "0,0,0,1,0"), r"its columns are Time, x, y, z, yaw; say which it is with --map time=Time"),
+        (("time,x,x,y,z,yaw", "0,0,0,0,1,0"), r"line 1 names 'x' twice"),
+        ((HEAD, ROWS[0], "0.01,0,0"), r"line 3, column 'x': the row ends after 3 columns, in the middle of a pose"),
+        ((HEAD, "0,1_0,0,1,0"), r"line 2, column 'x': '1_0' is not a number$"),
+        ((HEAD.replace(",", ";"), "0,5;0;0;1;0"), r"'0,5' is not a number: write a decimal point"),
+        ((HEAD, "0,0,0,1,0", "10,0,0,1,0"), r"frames are 10 s apart, .* is it in ms\? Then map time=COLUMN\*0\.001"),
+        ((HEAD, "0,0,0,1,0", "0.00001,0,0,1,0"), r"frames are 1e-05 s apart"),
         ((HEAD, ROWS[0], "0.01,one,0,1,0"), r"line 3, column 'x': 'one' is not a number"),
         ((HEAD, ROWS[0], "0.01,inf,0,1,0"), r"line 3, column 'x': 'inf' is not a finite number"),
         ((HEAD, ROWS[1], ROWS[0]), r"line 3, column 'time': 0 s does not come after 0\.01 s"),
@@ -118,7 +172,7 @@ def test_a_bad_file_is_refused_by_line_and_column(tmp_path: Path, lines: tuple[s
     assert not list(tmp_path.glob("*.mcap*"))
 
 
-@pytest.mark.parametrize("text", ["speed=v", "x", "x=a*b", "x=a*inf", "x=a*0"])
+@pytest.mark.parametrize("text", ["speed=v", "x", "x=a*b", "x=a*inf", "x=a*0", "x=a,x=b"])
 def test_a_bad_map_is_refused(text: str) -> None:
     with pytest.raises(HeliTwinError, match=text.split("=")[0]):
         parse_map(text)

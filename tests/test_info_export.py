@@ -1,10 +1,12 @@
 """What a log tells of itself, as text, as JSON and as tables."""
 
 import json
+import resource
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -91,6 +93,15 @@ def test_numbers_are_not_copied(log: Log) -> None:
     assert np.shares_memory(numbers, log.truth.position)
 
 
+def test_polars_reads_the_memory_of_the_log(log: Log) -> None:
+    for topic in set(TOPICS) - {"/events"}:
+        for column in pl.DataFrame(table(log, topic)):
+            # Truth values are bits in Arrow, and text is text.
+            if column.dtype not in (pl.Boolean, pl.String):
+                numbers = getattr(getattr(log, TOPICS[topic]), column.name)
+                assert np.shares_memory(column.to_numpy(allow_copy=False), numbers)
+
+
 def test_every_wire_with_messages_is_a_table(log: Log) -> None:
     assert set(tables(log)) == set(TOPICS)
     assert tables(Log({})) == {}
@@ -127,6 +138,19 @@ def test_recover_says_what_was_saved_and_lost(path: Path, tmp_path: Path, capsys
     assert main(["recover", str(broken)]) == 2
 
 
+@pytest.mark.parametrize("name", ["run.part", "run.txt", "run.mcap"])
+def test_recover_leaves_a_log_and_its_name_alone(name: str, path: Path, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(path.read_bytes())
+    assert recover(tmp_path / name) == tmp_path / "run.recovered.mcap"
+    assert (tmp_path / name).read_bytes() == path.read_bytes()
+
+
+def test_what_is_not_there_cannot_be_recovered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for missing in (tmp_path / "none.mcap.part", tmp_path):
+        assert main(["recover", str(missing)]) == 2
+        assert f"{missing} cannot be opened" in capsys.readouterr().err
+
+
 def test_recover_finds_the_gap_of_a_damaged_place(path: Path, tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
     with path.open("rb") as stream:
@@ -141,3 +165,15 @@ def test_recover_finds_the_gap_of_a_damaged_place(path: Path, tmp_path: Path) ->
     assert lost(log) == "0.52 s from 0.98 s on"
     assert "how the flight ended" not in lost(log)
     assert "s of flight" in saved(log)
+
+
+def test_a_full_disk_leaves_all_of_an_export_or_nothing(path: Path, tmp_path: Path, capsys) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        assert main(["export", str(path), "--parquet", str(tmp_path)]) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert "cannot be written" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+    assert main(["export", str(path), "--parquet", str(tmp_path)]) == 0

@@ -1,5 +1,6 @@
 """A log flies again: the same flight, or where it first differs."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 
 from heli_twin import HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
+from heli_twin.commands.refly import judge
 from heli_twin.recording import Log, recover
 from heli_twin.recording.log import Messages
 from heli_twin.refly import ORIGIN, first_difference, flown_experiment, refly
@@ -120,6 +122,19 @@ def test_what_was_not_flown_is_not_flown_again(pid_flight: Path, origin: str) ->
 def test_an_experiment_of_another_version_is_refused_in_one_sentence(pid_flight: Path) -> None:
     with pytest.raises(HeliTwinError, match="none of this version"):
         refly(replace(read_log(pid_flight), experiment='{"wings": 2}'))
+
+
+def test_a_difference_is_told_with_its_size_and_the_host(pid_flight: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = read_log(pid_flight)
+    one = bytearray(log.messages["/estimate"].data[30])
+    one[11 + 7 * 8] ^= 1
+    judge(refly(_with(log, "/estimate", 30, bytes(one))))
+    out = capsys.readouterr().out
+    assert re.match(
+        r"different: first at 0\.\d{3} s on /estimate, x\[7\]\n  logged .*\n  flown again .*, [+-].*e-", out
+    )
+    assert "at most 0 mm and 0 deg apart" in out
+    assert f"host and build are the same as far as the log tells ({log.metadata['cpu']}" in out
 
 
 def test_the_command_says_identical_and_exits_0(pid_flight: Path, capsys: pytest.CaptureFixture[str]) -> None:

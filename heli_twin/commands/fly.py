@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from heli_twin.commands import add_experiment, command, experiment_arguments
+from heli_twin.commands.replay import quiet
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -44,6 +45,7 @@ def run(parsed: Namespace) -> int:
     from heli_twin.configuration import load
     from heli_twin.mission import fly
 
+    quiet()
     experiment = load(*experiment_arguments(parsed))
     bar = Progress(
         TextColumn("flying"),

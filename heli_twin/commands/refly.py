@@ -76,7 +76,9 @@ def judge(again: "Refly") -> None:
     else:
         topic, time, field, ours, theirs = again.difference
         print(f"{again.verdict}: first at {1e-9 * time:.3f} s on {topic}, {field}")
-        print(f"  logged      {plain(repr(ours))}\n  flown again {plain(repr(theirs))}")
+        numbers = isinstance(ours, int | float) and isinstance(theirs, int | float)
+        apart = f", {theirs - ours:+.3g}" if numbers else ""
+        print(f"  logged      {plain(repr(ours))}\n  flown again {plain(repr(theirs))}{apart}")
         print(
             f"  the helicopters were at most {1000 * again.position_deviation:.3g} mm and"
             f" {57.29578 * again.heading_deviation:.3g} deg apart"
@@ -86,7 +88,11 @@ def judge(again: "Refly") -> None:
     for key, (then, now) in again.platforms.items():
         print(f"  {plain(key)}: logged {plain(then) or 'none'}, now {plain(now) or 'none'}")
     if again.difference is not None and not again.platforms:
-        print("  host and build are the same: the log was changed, or the program since the same commit")
+        host = ", ".join(plain(log.metadata.get(key, "unknown")) for key in ("cpu", "platform", "git_commit"))
+        print(
+            f"  host and build are the same as far as the log tells ({host}): the log was changed, the program since"
+            " that commit, or the vector instructions that the libraries use"
+        )
 
 
 def compare(again: "Refly") -> None:

@@ -1,5 +1,6 @@
 """`heli-twin replay`: a recorded flight in Rerun, or two side by side."""
 
+import os
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
@@ -31,6 +32,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Show it."""
+    quiet()
     from heli_twin.pictures import flights, sink
 
     where = parsed.save or ("connect" if parsed.connect else "spawn")
@@ -38,3 +40,8 @@ def run(parsed: Namespace) -> int:
     if parsed.save:
         print(f"wrote {parsed.save}: open it with `rerun {parsed.save}`")
     return 0
+
+
+def quiet() -> None:
+    """Keep Rerun's own log off the terminal, where one sentence says the same; before Rerun is imported."""
+    os.environ.setdefault("RUST_LOG", "off")

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from heli_twin.commands import command
+from heli_twin.commands.replay import quiet
+from heli_twin.errors import HeliTwinError
 
 GREATEST = 8192
 """Pixels along one side of a picture at most: what software renderers draw."""
@@ -34,8 +36,11 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Write it."""
+    quiet()
     from heli_twin.pictures import flights, snapshot
 
+    if not parsed.picture.parent.is_dir():
+        raise HeliTwinError(f"cannot write {parsed.picture}: there is no folder {parsed.picture.parent}")
     shown = flights([path for path in (parsed.log, parsed.other) if path])
     snapshot(shown, parsed.picture, at=parsed.at, size=parsed.size)
     print(f"wrote {parsed.picture}")
@@ -62,5 +67,7 @@ def _size(text: str) -> tuple[int, int]:
     sides = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
     width, height = (int(side) for side in sides.groups()) if sides else (0, 0)
     if not (100 <= width <= GREATEST and 100 <= height <= GREATEST):
-        raise argparse.ArgumentTypeError(f"'{text}' is no size: write width x height in pixels, such as 1600x900")
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is no size: write width x height in pixels, 100 to {GREATEST} each, such as 1600x900"
+        )
     return width, height

@@ -8,9 +8,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from controllers.signals import Array
+from heli_twin.recording.delivery import Sink, deliver
 from heli_twin.recording.layout import Scales, blueprint, plot, scene
 from heli_twin.recording.log import Log, Times
-from heli_twin.recording.rerun_bridge import Sink, deliver, send, send_rows
+from heli_twin.recording.rerun_bridge import send, send_rows
 from heli_twin.recording.rows import Rows, scalars, tracking, turned
 from heli_twin.recording.style import (
     AXES,

@@ -9,7 +9,7 @@ from heli_twin.recording.schema import FOR_VIEWERS, TOPICS, WIRES, Topic, proto
 ABOUT = {
     "/events": "what was worth telling a person: severity, name, one sentence",
     "/robot_description": "the shape of the helicopter, a URDF whose one moving link is `helicopter`",
-    "/tf": "where the helicopter is, thinned out",
+    "/tf": "where the helicopter is, by the cameras if nobody knows the truth; thinned out",
     "/view/reference_path": "the whole path to fly, white",
     "/view/horizon": "the positions of the latest plan, orange, thinned out",
     "/view/error_and_input": "position: truth minus reference of x y z (world, m) and yaw (rad); velocity: the same of"

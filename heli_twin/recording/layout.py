@@ -26,9 +26,13 @@ class Scales(NamedTuple):
     """Control period, s: the deadline of the solver."""
     path: Array | None = None
     """(n, 3) where the flight leads, world, m: what the camera looks at."""
+    planned: bool = True
+    """Whether there is a reference to compare the flight with."""
 
     def seeing(self, log: Log) -> "Scales":
-        """The same, looking along the path in the log if nothing else says where."""
+        """The same for a whole flight, looking along what was flown if nobody planned it."""
+        if len(log.truth.time) and not len(log.reference.time):
+            return self._replace(path=log.truth.position, planned=False)
         return self._replace(path=log.reference_paths[0][1]) if self.path is None and log.reference_paths else self
 
 
@@ -71,7 +75,7 @@ def layout(scales: Scales) -> rrb.Blueprint:
             plot("Thrust [of nominal]", "/air/thrust"),
             name="Air",
         ),
-        active_tab=0,
+        active_tab=0 if scales.planned else 1,
     )
     return blueprint(seen, plots)
 

@@ -2,6 +2,7 @@
 
 import logging
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -19,12 +20,13 @@ class LogFile:
 
     Args:
         path: Where the log shall be when the flight is over, `.../NAME.mcap`.
+        clock: Tells the simulated time, ns.
 
     Raises:
         LogError: The file exists already or cannot be made.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, clock: Callable[[], int] = lambda: 0) -> None:
         self.path, self.part = path, path.with_name(path.name + ".part")
         for taken in (self.path, self.part):
             if taken.exists():
@@ -35,6 +37,7 @@ class LogFile:
             self._file = self.part.open("x+b", buffering=0)
         except OSError as error:
             raise LogError(f"the log {path} cannot be written ({_reason(error)}): record to another folder") from error
+        self._clock = clock
         self._size = 0
         self.memory: BytesIO | None = None
         """The whole log, once the disk has given up."""
@@ -84,14 +87,19 @@ class LogFile:
             self._file.seek(0)
             self.memory = BytesIO(self._file.read(self._size))
         except OSError as worse:
+            # What the flight still has to say goes nowhere.
+            self.memory = BytesIO()
             raise LogError(f"the log {self.path} is lost ({_reason(worse)}): record to another disk") from error
         finally:
             with suppress(OSError):
                 self._file.close()
         self.memory.seek(0, os.SEEK_END)
-        self.trouble = f"the log {self.path} cannot be written ({_reason(error)}): the flight goes on without it"
+        self.trouble = (
+            f"the log {self.path} cannot be written any more at {1e-9 * self._clock():.2f} s ({_reason(error)}):"
+            " the flight goes on without it"
+        )
         if self.part.exists():
-            self.trouble += f"; make room, then `heli-twin recover {self.part}` keeps what was written until then"
+            self.trouble += f"; put that right, then `heli-twin recover {self.part}` keeps what was written until then"
         _LOGGER.warning("%s", self.trouble)
 
 

@@ -79,7 +79,9 @@ def _reading(name: str) -> Generator[None]:
     except OSError as error:
         raise LogError(f"{name} cannot be opened: {error.strerror or error}") from error
     except DAMAGE as error:
-        raise LogError(f"{name} is damaged ({error!r}): try `heli-twin recover {name}`") from error
+        raise LogError(
+            f"{name} is damaged ({error or type(error).__name__}): try `heli-twin recover {name}`"
+        ) from error
 
 
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, OverflowError, MemoryError)

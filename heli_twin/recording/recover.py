@@ -30,14 +30,18 @@ def recover(path: Path) -> Path:
     Raises:
         LogError: There is nothing to save, or the new log cannot be written.
     """
-    target = path.with_suffix("") if path.suffix == ".part" else path.with_suffix(".recovered.mcap")
+    target = path.with_suffix("") if path.name.endswith(".mcap.part") else path.with_suffix(".recovered.mcap")
     try:
-        contents = _salvage(load(path))
-        _write(target, contents)
+        data = load(path)
+    except OSError as error:
+        raise LogError(f"{path} cannot be opened: {error.strerror or error}") from error
+    try:
+        _write(target, _salvage(data))
     except FileExistsError:
         raise LogError(f"{path} is not recovered, for {target} exists already: move that away") from None
     except OSError as error:
-        raise LogError(f"{path} cannot be recovered ({error.strerror or error}): copy it to another folder") from error
+        why = error.strerror or error
+        raise LogError(f"{target} cannot be written ({why}): copy {path} to another folder") from error
     except LogError as error:
         raise LogError(f"{path} cannot be recovered: it {error}") from error
     return target
@@ -72,7 +76,7 @@ def _salvage(data: bytes) -> bytes:
             chunks.setdefault(sha256(record).digest(), record)
     check_format(metadata.get("heli_twin"))
     if EXPERIMENT not in attachments:
-        raise LogError("has lost what was flown")
+        raise LogError("breaks off before it says what was flown")
     for name, record in metadata.items():
         if name != "end":
             log.metadata(name, record)

@@ -83,7 +83,7 @@ class Recorder:
         self._hash = hashlib.sha256(experiment.encode())
         self._waiting: list[tuple[str, int, Iterable[Any] | bytes]] = []
         """Topic, time and values, or the whole message, of what is not packed yet."""
-        self._file: LogFile | BytesIO = BytesIO() if path is None else LogFile(path)
+        self._file: LogFile | BytesIO = BytesIO() if path is None else LogFile(path, lambda: self._time)
         self._mcap = McapStream(self._file, library=LIBRARY, chunk_size=CHUNK_SIZE)
         self._mcap.metadata("heli_twin", {"format": str(FORMAT)})
         self._mcap.metadata("run", sealed(metadata or {}))

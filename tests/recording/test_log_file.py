@@ -122,7 +122,7 @@ def test_listeners_get_every_message() -> None:
     recorder = Recorder(listeners=[lambda *message: heard.append(message)])
     recorder.pose(30, POSE)
     recorder.close("landed", 30)
-    assert [(topic, t) for topic, t, _ in heard] == [("/robot_description", 0), ("/mocap/pose", 30)]
+    assert [(topic, t) for topic, t, _ in heard] == [("/robot_description", 0), ("/mocap/pose", 30), ("/tf", 30)]
     assert heard[1][2] == recorder.log().messages["/mocap/pose"].data[0]
 
 

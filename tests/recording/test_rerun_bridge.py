@@ -1,6 +1,7 @@
 """Pictures: the same live and replayed, and never in the way of a flight."""
 
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -61,10 +62,14 @@ def test_a_flight_with_silent_wires_is_shown(wires: dict[str, tuple], tmp_path: 
     rerun("rrd", "verify", tmp_path / "run.rrd")
 
 
-def test_a_missing_viewer_does_not_stop_the_flight(record: Record, free_port: int) -> None:
+def test_a_missing_viewer_is_told_and_does_not_stop_the_flight(
+    record: Record, free_port: int, caplog: pytest.LogCaptureFixture
+) -> None:
     live = Live(Sink(port=free_port), SCALES)
     record(seconds=1.2, listeners=[live])
     live.close()
+    (told,) = caplog.records
+    assert f"no viewer listens on port {free_port}: start one with" in told.getMessage()
 
 
 def test_a_viewer_that_dies_does_not_stop_the_flight(record: Record, free_port: int, tmp_path: Path) -> None:
@@ -113,7 +118,41 @@ def test_a_viewer_that_hangs_holds_up_neither_the_flight_nor_the_end_of_the_prog
     recorded, seconds = done.stdout.split()
     assert int(recorded) == 10_000
     assert float(seconds) < 30
-    assert done.stderr.count("the viewer is too slow: its picture has gaps") == 1
+    assert done.stderr.count("does not answer: the picture has gaps") == 1
+
+
+REPLAY = """
+import socket, sys
+from threading import Thread
+from heli_twin import pictures
+from heli_twin.cli import main
+from heli_twin.commands.replay import quiet
+quiet()
+from heli_twin.recording import delivery
+delivery.ANSWER = 0.5
+server = socket.create_server(("127.0.0.1", 0))
+pictures.VIEWER_PORT = server.getsockname()[1]
+def serve():
+    while True:
+        connection, _ = server.accept()
+        connections.append(connection) if sys.argv[2] == "hangs" else connection.close()
+connections = []
+Thread(target=serve, daemon=True).start()
+sys.exit(main(["replay", sys.argv[1], "--connect"]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("viewer", "sentence"), [("hangs", "does not answer within 0.5 s: end it"), ("dies", "the viewer is gone")]
+)
+def test_a_replay_into_a_viewer_that_does_not_take_it_ends_in_one_sentence(
+    viewer: str, sentence: str, record: Record, tmp_path: Path
+) -> None:
+    record(tmp_path / "run.mcap")
+    command, paths = [sys.executable, "-c", REPLAY, tmp_path / "run.mcap", viewer], {"PYTHONPATH": ":".join(sys.path)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=paths)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert sentence in done.stderr
 
 
 def test_a_viewer_follows_the_flight_to_its_end(record: Record) -> None:
@@ -158,6 +197,19 @@ def test_showing_without_a_viewer_says_how_to_start_one(free_port: int) -> None:
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="cannot be written to"):
         Live(Sink(tmp_path), SCALES)
+
+
+def test_a_full_disk_costs_no_picture_that_was_there(record: Record, tmp_path: Path) -> None:
+    (tmp_path / "run.rrd").write_text("mine")
+    log = record(seconds=2.0).log()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, hard))
+    try:
+        with pytest.raises(LogError, match="File too large"):
+            show(log, Sink(tmp_path / "run.rrd"), SCALES)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
 
 
 def test_flying_does_not_import_rerun() -> None:

@@ -5,6 +5,7 @@
 
 import json
 import os
+import re
 import resource
 import shutil
 import subprocess
@@ -103,7 +104,7 @@ def test_a_full_disk_ends_the_file_and_not_the_flight(
     assert summary["rmse"] == undisturbed_summary["rmse"]
     assert (result.path, summary["log"]) == (None, None)
     assert [record.getMessage() for record in caplog.records] == [result.log_trouble] == [summary["log_trouble"]]
-    assert "cannot be written (File too large): the flight goes on without it; make room" in result.log_trouble
+    assert re.search(r"any more at \d\.\d\d s \(File too large\): the flight goes on without it", result.log_trouble)
     (part,) = tmp_path.iterdir()
     assert f"`heli-twin recover {part}`" in result.log_trouble
 
@@ -148,6 +149,39 @@ def test_a_folder_that_goes_away_costs_the_file_and_not_the_flight(tmp_path: Pat
     assert "No such file or directory" in result.log_trouble
     assert "recover" not in result.log_trouble
     assert len(result.log.truth.time) == 151
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs to find the open log")
+def test_a_log_that_turns_read_only_costs_the_file_and_not_the_flight(tmp_path: Path, undisturbed: Result) -> None:
+    def lock(t: float) -> None:
+        if round(t, 3) == 3.0:
+            (part,) = tmp_path.iterdir()
+            (log,) = (fd for fd in Path("/proc/self/fd").iterdir() if fd.is_symlink() and fd.readlink() == part)
+            with part.open("rb") as readable:
+                os.dup2(readable.fileno(), int(log.name))
+
+    result = fly(load("ideal", ["duration=6"]), log_dir=tmp_path, progress=lock)
+    assert (result.outcome, result.flight_digest) == (undisturbed.outcome, undisturbed.flight_digest)
+    assert "the flight goes on without it" in result.log_trouble
+    (part,) = tmp_path.iterdir()
+    # Of the last half second before it was locked nothing had to be written yet.
+    assert read_log(recover(part)).truth.time[-1] >= 3 * 10**9 - FLUSH_PERIOD
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs to find the open log")
+def test_a_disk_that_dies_for_good_is_told_in_one_sentence(tmp_path: Path) -> None:
+    """It takes nothing and gives nothing back, so that there is nothing to measure the flight by."""
+
+    def die(t: float) -> None:
+        if round(t, 3) == 3.0:
+            (part,) = tmp_path.iterdir()
+            (log,) = (fd for fd in Path("/proc/self/fd").iterdir() if fd.is_symlink() and fd.readlink() == part)
+            folder = os.open("/", os.O_RDONLY)
+            os.dup2(folder, int(log.name))
+            os.close(folder)
+
+    with pytest.raises(LogError, match=r"is lost \(.*\): record to another disk"):
+        fly(load("ideal", ["duration=6"]), log_dir=tmp_path, progress=die)
 
 
 def test_a_disk_that_is_full_from_the_start_stops_the_flight_and_leaves_nothing(tmp_path: Path) -> None:
