@@ -36,14 +36,11 @@ def write_svg(figure: Figure, path: Path) -> None:
         panels = figure.panels
         columns = 1 if len(panels) == 1 else 3 if len(panels) > 4 else 2
         rows = -(-len(panels) // columns)
-        height = max(
-            2.4,
-            max(
-                (0.26 * len(mark.names) + 0.8 for p in panels for mark in p.marks if isinstance(mark, Bars | Dots)),
-                default=0,
-            ),
-        )
-        canvas = Canvas(figsize=(WIDTH * columns, height * rows), layout="constrained")
+        names = [mark.names for p in panels for mark in p.marks if isinstance(mark, Bars | Dots)]
+        height = max(2.4, *(0.26 * len(rows_) + 0.8 for rows_ in names), 0.0)
+        # Room for names that are longer than numbers.
+        width = WIDTH + 0.06 * max((len(name) - 12 for rows_ in names for name in rows_ if len(name) > 12), default=0)
+        canvas = Canvas(figsize=(width * columns, height * rows), layout="constrained")
         places = canvas.subplots(rows, columns, squeeze=False).ravel()
         for axes, panel in zip(places, panels, strict=False):
             _panel(axes, panel)
