@@ -127,10 +127,8 @@ def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push
             # and K the turned drag, symmetric: at the start, the middle and the end of the step.
             cm, sm = cos(yaw_mid), sin(yaw_mid)
             wx, wy = c * vx - s * vy, s * vx + c * vy
-            kc = k_difference * c
-            kxx, kxy = k_y + kc * c, kc * s
-            x1 = c * fx - s * fy + ax + kxx * wx + kxy * wy
-            y1 = s * fx + c * fy + ay + kxy * wx + (k_sum - kxx) * wy
+            bx, by = fx + k_x * vx, fy + k_y * vy
+            x1, y1 = c * bx - s * by + ax, s * bx + c * by + ay
             gx, gy = cm * fx - sm * fy + ax, sm * fx + cm * fy + ay
             kc = k_difference * cm
             kxx, kxy = k_y + kc * cm, kc * sm
@@ -140,11 +138,9 @@ def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push
             mx, my = wx + half * x2, wy + half * y2
             x3, y3 = gx + kxx * mx + kxy * my, gy + kxy * mx + kyy * my
             c, s = cos(yaw), sin(yaw)
-            kc = k_difference * c
-            kxx, kxy = k_y + kc * c, kc * s
             mx, my = wx + dt * x3, wy + dt * y3
-            x4 = c * fx - s * fy + ax + kxx * mx + kxy * my
-            y4 = s * fx + c * fy + ay + kxy * mx + (k_sum - kxx) * my
+            bx, by = fx + k_x * (c * mx + s * my), fy + k_y * (c * my - s * mx)
+            x4, y4 = c * bx - s * by + ax, s * bx + c * by + ay
             x23, y23 = x2 + x3, y2 + y3
             ex, ey = wx + sixth * (x1 + x23 + x23 + x4), wy + sixth * (y1 + y23 + y23 + y4)
             px += dt * (wx + sixth * (x1 + x23))
