@@ -90,6 +90,7 @@ class Command(NamedTuple):
     u: Array
     """(4,) inputs."""
     plan: Plan | None = None
+    """Put there after the command is on its way: see `Controller.plan`."""
     qp: QpReport | None = None
     solve_ns: int = 0
     """Measured wall time inside the QP solver, ns; logged, never used."""

@@ -122,6 +122,8 @@ class Flight:
             reference = self.preview(estimate.stamp, self.experiment.controller.steps)
             command = self.controller.step(t, estimate, reference)
         took = perf_counter_ns() - began
+        if estimate is not None:
+            command = command._replace(plan=self.controller.plan())
         self.estimator.command_sent(t, command.u)
         self.record(t, estimate, command, took)
         return command

@@ -120,7 +120,8 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
         if int(t) in plans:
             _linearise_along(controller, law, log.plan.u_nominal[plans[int(t)]])
         try:
-            yield controller.step(int(t), estimate, preview(estimate.stamp, law.steps))
+            command = controller.step(int(t), estimate, preview(estimate.stamp, law.steps))
+            yield command._replace(plan=controller.plan())
         except (ArithmeticError, ValueError) as error:
             raise HeliTwinError(
                 f"the control problem at {1e-9 * t:.3f} s cannot be rebuilt from this log: {error}"

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 
 from controllers.model import Model
-from controllers.signals import Command, Estimate, QpReport, Reference
+from controllers.signals import Command, Estimate, Plan, QpReport, Reference
 
 
 class Controller(Protocol):
@@ -18,6 +18,13 @@ class Controller(Protocol):
             now: The control time, ns.
             estimate: What the helicopter will be doing when the command acts.
             reference: The planned flight from the estimate's stamp on, `steps` inputs long.
+        """
+        ...
+
+    def plan(self) -> Plan | None:
+        """What it expects to happen after its last step; None if it expects nothing.
+
+        To fly, nobody needs it: it is worked out when it is asked for, once the command is on its way.
         """
         ...
 

@@ -71,6 +71,7 @@ class LtvMpcController:
         self._state_order = np.argsort(np.concatenate([part.states for part in parts]))
         self._input_order = np.argsort(np.concatenate([part.inputs for part in parts]))
         self._u_nominal: Array | None = None
+        self._flown: tuple[Ltv, Array] | None = None
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
         self._unsolved = 0
 
@@ -80,32 +81,34 @@ class LtvMpcController:
         Where the QP is infeasible or does not converge in time, its velocity bounds are softened; where that
         fails too, the last plan is flown on, and after its end a level hover is commanded.
         """
+        self._flown = None
         if not all(map(isfinite, estimate.x.tolist())):
             return safe_hover(self._spec.model, now)
         ltv, qps = self.problem(estimate, reference)
         solutions = [share.solver(qp) for share, qp in zip(self._shares, qps, strict=True)]
         solve_ns = sum(share.solver.solve_ns for share in self._shares)
         solved = [solution for solution in solutions if solution]
-        u, x = ltv.u_nominal, ltv.x_nominal
         if len(solved) == len(solutions):
-            self._unsolved = 0
-            u, x = self._planned(ltv, solved)
+            self._unsolved, steps = 0, self._spec.steps
+            parts = [solution.u.reshape(steps, -1) for solution in solved]
+            u = np.concatenate(parts, axis=1).take(self._input_order, axis=1)
         else:
             self._unsolved += 1
             if self._unsolved > self._spec.steps:
                 return safe_hover(self._spec.model, now)._replace(solve_ns=solve_ns)
-            solved = []
-        self._u_nominal = shift(u)
-        return Command(now, u[0], Plan(x, u, ltv.u_nominal), _report(solved), solve_ns)
+            solved, u = [], ltv.u_nominal
+        self._u_nominal, self._flown = shift(u), (ltv, u)
+        return Command(now, u[0], qp=_report(solved), solve_ns=solve_ns)
 
-    def _planned(self, ltv: Ltv, solutions: list[Solution]) -> tuple[Array, Array]:
-        """The inputs (N, 4) that the parts' solutions are together, and the states (N + 1, 10) that they lead to."""
-        steps = self._spec.steps
-        u = np.concatenate([solution.u.reshape(steps, -1) for solution in solutions], axis=1)
-        u = u.take(self._input_order, axis=1)
+    def plan(self) -> Plan | None:
+        """The inputs of the last step and the states that the LTV model reaches under them; None after a safe hover."""
+        if self._flown is None:
+            return None
+        ltv, u = self._flown
         du = u - ltv.u_nominal
         moved = [share.condenser.response(du.take(share.part.inputs, axis=1)) for share in self._shares]
-        return u, ltv.x_nominal + np.concatenate(moved, axis=1).take(self._state_order, axis=1)
+        x = ltv.x_nominal + np.concatenate(moved, axis=1).take(self._state_order, axis=1)
+        return Plan(x, u, ltv.u_nominal)
 
     def linearise_along(self, u_nominal: Array) -> None:
         """Take these nominal inputs (N, 4) in the next step, not the shifted last plan: those of a log, for one."""

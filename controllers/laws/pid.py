@@ -86,6 +86,9 @@ class PidController:
         self._integral += _turned(np.where(stuck, 0.0, self._spec.period * error), x[3])
         return Command(now, np.clip(u, self._low, self._high))
 
+    def plan(self) -> None:
+        """It does not look ahead."""
+
 
 def _turned(v: Array, angle: float) -> Array:
     """A vector x y z yaw turned about the vertical by an angle, rad."""

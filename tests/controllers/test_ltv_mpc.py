@@ -31,6 +31,11 @@ def planned(trajectory, k, steps):
     return Reference(0, state(flat), feed_forward(MODEL, flat)[:-1])
 
 
+def decided(controller, k, x, reference):
+    """A command with its plan."""
+    return controller.step(k, estimate(x), reference)._replace(plan=controller.plan())
+
+
 def flown(spec, trajectory, seconds, x=None, push=(0.0, 0.0, 0.0, 0.0)):
     """The states (n, 8) of the believed model under the controller, seen without error, and where they should be."""
     controller = spec.start()
@@ -48,7 +53,7 @@ def flown(spec, trajectory, seconds, x=None, push=(0.0, 0.0, 0.0, 0.0)):
 def test_hover_is_an_equilibrium(x, y, yaw, coupling):
     spec = LtvMpc(coupling=coupling)
     place = Hover(x=x, y=y, yaw=yaw)
-    command = spec.start().step(0, estimate(planned(place, 0, 1).x[0]), planned(place, 0, spec.steps))
+    command = decided(spec.start(), 0, planned(place, 0, 1).x[0], planned(place, 0, spec.steps))
     assert command.qp.status == "solved"
     np.testing.assert_allclose(command.u, MODEL.u_hover, rtol=0, atol=SOLVER)
     # The plan is to stay: errors of the inputs' size, for 0.4 s.
@@ -113,7 +118,7 @@ def test_the_plan_is_the_minimiser_of_the_printed_problem(coupling, discretisati
     spec = LtvMpc(horizon=7, coupling=coupling, discretisation=discretisation)
     reference = planned(Circle(rate=1.5), 200, spec.steps)
     x = reference.x[0] + rng.uniform(-1, 1, 8) * [1, 1, 1, 1, 1, 1, 1, 10]
-    command = spec.start().step(0, estimate(x), reference)
+    command = decided(spec.start(), 0, x, reference)
     # The trapezoidal rule has the error begin at 0, one period before the flight.
     integral = 0.5 * PERIOD * spec.k_i * (x - reference.x[0])[:2]
     states, inputs = Transcription(spec, np.append(x, integral), reference).plan(minimiser)
@@ -148,7 +153,7 @@ OFF = np.array([0.3, -0.2, 0.9, 0.4, 0.1, 0.2, 0.0, 0.5])
 def commands(spec, count, x=OFF):
     controller = spec.start()
     reference = planned(Hover(), 0, spec.steps)
-    return [controller.step(k, estimate(x), reference) for k in range(count)]
+    return [decided(controller, k, x, reference) for k in range(count)]
 
 
 def test_where_no_solution_is_found_the_last_plan_is_flown_and_then_a_safe_hover(monkeypatch):
