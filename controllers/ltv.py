@@ -164,7 +164,8 @@ class Linearisation:
         if self._discretisation == "euler":
             held = np.empty((len(A), *B.shape))
             held[...] = self._period * B
-            return _EYE + step, held
+            step += _EYE
+            return step, held
         # exp(M) and its integral by Horner's rule: at a 20 ms period the norm of M stays below 1 within the speed
         # limits, where 16 terms leave less than 1e-14.
         integral = np.broadcast_to(_EYE, A.shape)

@@ -133,46 +133,45 @@ class _Solver:
 
     def __init__(self, n: int, m: int, *, eps: float, max_iter: int, max_iter_in: int) -> None:
         self._qp = proxqp.dense.QP(n, 0, m, True)
-        settings = self._qp.settings
-        settings.eps_abs, settings.eps_rel = eps, 0.0
-        settings.max_iter, settings.max_iter_in = max_iter, max_iter_in
-        settings.compute_timings = False
+        self._settings, results = self._qp.settings, self._qp.results
+        # Views of what ProxQP overwrites in every solve.
+        self.x, self._z, self._info = results.x, results.z, results.info
+        self._settings.eps_abs, self._settings.eps_rel = eps, 0.0
+        self._settings.max_iter, self._settings.max_iter_in = max_iter, max_iter_in
+        self._settings.compute_timings = False
         self.forget()
         self._last: CondensedQp | None = None
 
     def forget(self) -> None:
         """Start the next solve from nothing: a failed one leaves no useful guess."""
-        self._qp.settings.initial_guess = proxqp.NO_INITIAL_GUESS
+        self._settings.initial_guess = proxqp.NO_INITIAL_GUESS
+        self._warm = False
 
     def solve(self, qp: CondensedQp) -> bool:
         """Solve; True where it converged to a finite point."""
         # init -> update before the first solve segfaults in ProxSuite 0.8.0; init -> solve -> update does not.
-        if self._last is None:
+        last, self._last = self._last, qp
+        if last is None:
             self._qp.init(qp.H, qp.g, None, None, qp.C, *qp[3:])
+        elif qp.H is last.H and qp.C is last.C and qp.u_low is last.u_low and qp.u_high is last.u_high:
+            self._qp.update(None, qp.g, None, None, None, qp.v_low, qp.v_high)
         else:
-            H, g, C, *bounds = (None if new is old else new for new, old in zip(qp, self._last, strict=True))
-            self._qp.update(H, g, None, None, C, *bounds)
-        self._last = qp
+            self._qp.update(qp.H, qp.g, None, None, qp.C, *qp[3:])
         self._qp.solve()
-        self._qp.settings.initial_guess = proxqp.WARM_START_WITH_PREVIOUS_RESULT
-        status = self._qp.results.info.status
-        x = self.x
-        return status == proxqp.PROXQP_SOLVED and isfinite(x @ x)
-
-    @property
-    def x(self) -> Array:
-        """(n,) last primal iterate."""
-        return self._qp.results.x
+        if not self._warm:
+            self._settings.initial_guess = proxqp.WARM_START_WITH_PREVIOUS_RESULT
+            self._warm = True
+        # An objective of finite numbers is one; of any other it is none.
+        return self._info.status == proxqp.PROXQP_SOLVED and isfinite(self._info.objValue)
 
     @property
     def iterations(self) -> int:
         """Newton iterations of the last solve."""
-        return self._qp.results.info.iter
+        return self._info.iter
 
     def solution(self, qp: CondensedQp, softened: bool, slack: float, iterations: int) -> Solution:
         """The last solve as an answer to `qp`; `iterations` were spent on it before."""
-        results = self._qp.results
         # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
-        u = np.minimum(np.maximum(results.x[: len(qp.g)], qp.u_low), qp.u_high)
-        active = int(np.count_nonzero(np.abs(results.z) > ROUNDING))
-        return Solution(u, softened, slack, iterations + results.info.iter, active, results.info.objValue)
+        u = np.minimum(np.maximum(self.x[: len(qp.g)], qp.u_low), qp.u_high)
+        active = int(np.count_nonzero(np.abs(self._z) > ROUNDING))
+        return Solution(u, softened, slack, iterations + self._info.iter, active, self._info.objValue)

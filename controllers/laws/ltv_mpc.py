@@ -73,6 +73,7 @@ class LtvMpcController:
         self._u_nominal: Array | None = None
         self._flown: tuple[Ltv, Array] | None = None
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
+        self._half_step = 0.5 * spec.k_i * spec.period
         self._unsolved = 0
 
     def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
@@ -118,7 +119,7 @@ class LtvMpcController:
         """Linearise along the nominal inputs and condense (26): one QP for each part of the model."""
         spec = self._spec
         error = estimate.x[:2] - reference.x[0, :2]
-        self._integral += (0.5 * spec.k_i * spec.period) * (error + self._last_error)
+        self._integral += self._half_step * (error + self._last_error)
         self._last_error = error
         x_ref = np.zeros((spec.steps + 1, N_STATES))
         x_ref[:, :8] = reference.x
@@ -180,10 +181,6 @@ def _report(solutions: list[Solution]) -> QpReport:
     """All parts' solutions together; nothing solved is a plan flown on."""
     if not solutions:
         return QpReport("shifted_plan", 0, 0, 0.0, 0.0)
-    return QpReport(
-        "softened" if any(s.softened for s in solutions) else "solved",
-        sum(s.iterations for s in solutions),
-        sum(s.active_bounds for s in solutions),
-        sum(s.objective for s in solutions),
-        max(s.slack for s in solutions),
-    )
+    _, softened, slack, iterations, active, objective = zip(*solutions, strict=True)
+    status = "softened" if any(softened) else "solved"
+    return QpReport(status, sum(iterations), sum(active), sum(objective), max(slack))
