@@ -6,7 +6,8 @@ and everything rarer is written by the library's records. The bytes are the same
 
 import struct
 import zlib
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
 
 import zstandard
@@ -64,7 +65,7 @@ class McapStream:
         """Schemas and channels, to go in front of the messages of the next chunk."""
         self._records: list[bytes] = []
         """Header and data of one message of the chunk in progress after the other."""
-        self._index: dict[int, list[int]] = {}
+        self._index: defaultdict[int, list[int]] = defaultdict(list)
         """By channel, log time of one message after the other and its offset behind the head."""
         self._size = 0
         self._offset = self._crc = 0
@@ -81,19 +82,30 @@ class McapStream:
         self._head += _bytes(self._channels[-1])
         return len(self._channels)
 
-    def message(self, channel: int, time: int, data: bytes) -> bytes:
-        """Add a message, logged and published at `time` (ns); returns what goes in front of its data."""
-        size = len(data)
-        header = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, channel, 0, time, time)
-        self._records += (header, data)
-        try:
-            self._index[channel] += (time, self._size)
-        except KeyError:
-            self._index[channel] = [time, self._size]
-        self._size += _MESSAGE.size + size
-        if len(self._head) + self._size > self._chunk_size:
-            self._end_chunk()
-        return header
+    def message(self, channel: int, time: int, data: bytes) -> None:
+        """Add a message, logged and published at `time` (ns)."""
+        self.messages([(channel, time, data)])
+
+    def messages(self, batch: Iterable[tuple[int, int, bytes]]) -> list[bytes]:
+        """Add messages: channel, time at which they are logged and published (ns), data.
+
+        Returns:
+            What goes in front of the data of each.
+        """
+        pack, headers = _MESSAGE.pack, list[bytes]()
+        records, index, size = self._records, self._index, self._size
+        for channel, time, data in batch:
+            header = pack(Opcode.MESSAGE, _MESSAGE_FIELDS + len(data), channel, 0, time, time)
+            headers.append(header)
+            records += (header, data)
+            index[channel] += (time, size)
+            size += _MESSAGE.size + len(data)
+            if len(self._head) + size > self._chunk_size:
+                self._size = size
+                self._end_chunk()
+                records, index, size = self._records, self._index, self._size
+        self._size = size
+        return headers
 
     def metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write key-value text."""
@@ -173,7 +185,7 @@ class McapStream:
                 uncompressed_size=len(records),
             )
         )
-        self._head, self._records, self._index, self._size = b"", [], {}, 0
+        self._head, self._records, self._index, self._size = b"", [], defaultdict(list), 0
         self._emit(chunk + indexes)
 
     def _emit(self, data: bytes) -> None:

@@ -1,6 +1,7 @@
 """The recorder: every wire of the flight, as it happens, into one MCAP file."""
 
 import hashlib
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -212,25 +213,27 @@ class Recorder:
 
     def _pack_waiting(self) -> None:
         waiting, self._waiting = self._waiting, []
-        rows: dict[str, list[Iterable[Any]]] = {}
+        rows = defaultdict[str, list[Iterable[Any]]](list)
         for topic, _, values in waiting:
-            if not isinstance(values, bytes):
-                rows.setdefault(topic, []).append(values)
+            if type(values) is not bytes:
+                rows[topic].append(values)
         # A number that a float32 cannot hold is an infinity there.
         with np.errstate(over="ignore"):
             packed = {topic: iter(self._layouts[topic].pack(values)) for topic, values in rows.items()}
         messages = [
-            (topic, t, values if isinstance(values, bytes) else next(packed[topic])) for topic, t, values in waiting
+            (topic, t, values if type(values) is bytes else next(packed[topic])) for topic, t, values in waiting
         ]
         self._write(messages)
-        self._write(self._viewers.messages(messages))
+        self._write([*self._viewers.messages(messages)])
 
-    def _write(self, messages: Iterable[Timed]) -> None:
+    def _write(self, messages: Sequence[Timed]) -> None:
+        channels = self._channels
+        headers = self._mcap.messages([(channels[topic], t, data) for topic, t, data in messages])
         hashed: list[bytes] = []
-        for topic, t, data in messages:
-            header = self._mcap.message(self._channels[topic], t, data)
+        for header, (topic, _, data) in zip(headers, messages, strict=True):
             if topic != TIMING:
                 hashed += (header, data)
-            for listener in self.listeners:
-                listener(topic, t, data)
         self._hash.update(b"".join(hashed))
+        for listener in self.listeners:
+            for message in messages:
+                listener(*message)
