@@ -160,12 +160,13 @@ class McapStream:
             return
         head, records = len(self._head), b"".join([self._head, *self._records])
         packed = self._compressor.compress(records)
-        start = min(min(entry[::2]) for entry in self._index.values())
-        end = max(max(entry[::2]) for entry in self._index.values())
+        times = [time for entry in self._index.values() for time in entry[::2]]
+        start, end = min(times), max(times)
         chunk = _bytes(Chunk("zstd", packed, end, start, zlib.crc32(records), len(records)))
         offsets, indexes = {}, b""
         for channel, entry in self._index.items():
-            entry[1::2] = [head + offset for offset in entry[1::2]]
+            if head:
+                entry[1::2] = [head + offset for offset in entry[1::2]]
             offsets[channel] = self._offset + len(chunk) + len(indexes)
             size = 8 * len(entry)
             indexes += struct.pack(f"<BQHI{len(entry)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *entry)
