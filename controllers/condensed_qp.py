@@ -81,7 +81,7 @@ class Condenser:
         self._S = np.empty((steps, n, m * steps))
         self._error = np.empty((steps, n))
         newest = [self._G[k + 1, :, m * k : m * (k + 1)] for k in range(steps)]
-        self._recursion = list(zip(self._G, self._G[1:], newest, strict=False))
+        self._recursion = list(zip(self._G[:-1], self._G[1:], newest, strict=True))
         self._weights: Weights | None = None
         self._matrices = b"", b""
         self._H = self._C = np.empty((0, 0))

@@ -1,7 +1,6 @@
 """What a log tells of itself, as text, as JSON and as tables."""
 
 import json
-import resource
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from disks import disk_of
 from mcap.reader import make_reader
 
 from heli_twin import HeliTwinError, fly, load, read_log
@@ -168,12 +168,8 @@ def test_recover_finds_the_gap_of_a_damaged_place(path: Path, tmp_path: Path) ->
 
 
 def test_a_full_disk_leaves_all_of_an_export_or_nothing(path: Path, tmp_path: Path, capsys) -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-    try:
+    with disk_of(20_000):
         assert main(["export", str(path), "--parquet", str(tmp_path)]) == 2
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert "cannot be written" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
     assert main(["export", str(path), "--parquet", str(tmp_path)]) == 0

@@ -114,3 +114,14 @@ def test_the_command_tells_error_and_consistency(
     assert "NEES" in out
     assert "NIS" in out
     assert main(["reestimate", str(path), "estimator.roll_forward=false"]) == 0
+
+
+@pytest.mark.parametrize("trajectory", ["hover", "circle"])
+def test_in_the_lab_the_filter_knows_its_error(trajectory: str) -> None:
+    log = fly(load("lab", [f"trajectory={trajectory}", "duration=12"]), log_dir=None).log
+    nees = reestimate(log).nees(log.truth)
+    # Of eight degrees of freedom, over 12 s of errors that a slow bias keeps alike: consistent to a third.
+    assert 5.3 < nees.values.mean() < 10.7
+    # With walks four times as large or 0.4 times, two in five are inside.
+    low, high = CHI2_95[8]
+    assert ((nees.values > low) & (nees.values < high)).mean() > 0.85

@@ -115,6 +115,7 @@ class Live:
         """Show slices until the last; the only one that talks to a viewer."""
         try:
             self._stream = self._stream or self._opened()
+        # Whatever it is that fails in Rerun or in a slice, it ends the picture and not the flight.
         except Exception:
             _LOGGER.exception("the flight goes on without its picture")
         pause = 0.0
@@ -144,6 +145,7 @@ class Live:
             return
         try:
             send(self._stream, _joined(slices), self._scales)
+        # As above.
         except Exception:
             _LOGGER.exception("the flight goes on without its picture")
             self._stream = None

@@ -120,6 +120,7 @@ LAYOUTS: Mapping[str, Layout] = {
 }
 """How the wires of one size are packed; `/mpc/plan` depends on the horizon, `/events` on their text."""
 
+# Enums of protobuf are no mappings: their keys cannot be had without keys().
 QP_STATUS = tuple(name.removeprefix("QP_STATUS_").lower() for name in pb.QpStatus.keys())  # noqa: SIM118
 """Names of the rungs of the fallback ladder, by their number in the log."""
 SEVERITY = tuple(name.lower() for name in Log.Level.keys())  # noqa: SIM118

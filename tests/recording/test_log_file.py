@@ -1,18 +1,18 @@
 """The file: deterministic, readable by others, safe against crashes, and damage is noticed."""
 
-import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from disks import disk_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -141,7 +141,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_is_full_from_the_start(tmp_path: Path) -> None:
-    with _full_disk(10), pytest.raises(LogError, match="make room"):
+    with disk_of(10), pytest.raises(LogError, match="make room"):
         Recorder(tmp_path / "run.mcap")
 
 
@@ -151,20 +151,10 @@ def test_an_unfinished_log_is_not_overwritten(tmp_path: Path) -> None:
         Recorder(tmp_path / "run.mcap")
 
 
-@contextmanager
-def _full_disk(size: int) -> Iterator[None]:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 def test_a_full_disk_is_told_once_and_loses_nothing_written(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     recorder = Recorder(tmp_path / "run.mcap")
-    with _full_disk(100_000):
+    with disk_of(100_000):
         _record_poses(recorder, rng)
         recorder.close("landed", 10**10)
     assert [path.name for path in tmp_path.iterdir()] == ["run.mcap.part"]

@@ -6,17 +6,16 @@
 import json
 import os
 import re
-import resource
 import shutil
 import subprocess
 import sys
 import tracemalloc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from disks import disk_of
 
 from controllers.signals import Pose
 from heli_twin.cli import main
@@ -33,17 +32,6 @@ KILLED = Path(__file__).with_name("killed_flight.py")
 HALF_A_SECOND = 500_000_000
 STEP = 20_000_000
 """The control period, ns: messages of the step under way are not told yet."""
-
-
-@contextmanager
-def disk_of(size: int) -> Iterator[None]:
-    """No file may become larger."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 # --- killed
