@@ -66,7 +66,7 @@ def test_ids_are_of_the_experiment_not_of_how_it_was_written():
 
 
 def test_an_id_never_changes_by_itself():
-    # printf '2\\n{"seed":0}' | sha256sum, where 2 is the physics version.
+    # printf '2\n{"seed":0}' | sha256sum, where 2 is the physics version.
     assert run_id('{"seed":0}') == "fb2e52fb77b6e56b"
 
 
