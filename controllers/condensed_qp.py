@@ -1,9 +1,10 @@
 """The optimisation (26) as a dense QP in the inputs alone, for the whole LTV model or a part of it.
 
-With the n states eliminated, x = x_nominal + G (u - u_nominal): the nominal trajectory starts at the newest state,
-so the affine terms d_k of (22) need no bookkeeping of their own. Minimise 1/2 u'H u + g'u subject to
-u_low <= u <= u_high and v_low <= C u <= v_high, where C picks the velocities of the predicted states. The
-measured state is not bounded: noise alone could make that infeasible.
+The unknowns du = u - u_nominal say how far the inputs depart from the nominal ones. With the n states eliminated,
+x = x_nominal + G du: the nominal trajectory starts at the newest state, so the affine terms d_k of (22) need no
+bookkeeping of their own. Minimise 1/2 du'H du + g'du subject to u_low <= du <= u_high and v_low <= C du <= v_high,
+where C picks the velocities of the predicted states. The measured state is not bounded: noise alone could make that
+infeasible.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from controllers.signals import Array
 
 
 class CondensedQp(NamedTuple):
-    """A dense QP in the N m stacked inputs, with as many velocity rows."""
+    """A dense QP in the N m stacked departures du of the inputs, with as many velocity rows."""
 
     H: Array
     """(Nm, Nm)"""
@@ -24,13 +25,13 @@ class CondensedQp(NamedTuple):
     C: Array
     """(Nm, Nm)"""
     v_low: Array
-    """(Nm,) lower bound of C u."""
+    """(Nm,) lower bound of C du."""
     v_high: Array
-    """(Nm,) upper bound of C u."""
+    """(Nm,) upper bound of C du."""
     u_low: Array
-    """(Nm,)"""
+    """(Nm,) lower bound of du."""
     u_high: Array
-    """(Nm,)"""
+    """(Nm,) upper bound of du."""
 
 
 class Weights(NamedTuple):
@@ -50,7 +51,7 @@ class Weights(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """The bounds of (26), one for each input."""
+    """The bounds of (26), one for each input; those of a part have as many as it has."""
 
     u_min: Array
     """(m,)"""
@@ -63,61 +64,58 @@ class Limits(NamedTuple):
 class Condenser:
     """Builds the QP of one horizon length again and again.
 
-    Where weights and matrices are those of the call before, H and C are the same arrays again.
+    Those of a part whose matrices never change have the same H and C, the very arrays of its first one.
 
     Args:
         steps: N, the number of inputs in a row.
-        limits: Bounds on the part's inputs and predicted velocities.
+        limits: Bounds on the inputs and predicted velocities of the whole model.
         part: Of the LTV model.
     """
 
     def __init__(self, steps: int, limits: Limits, part: Part) -> None:
         n, m = len(part.states), len(part.inputs)
-        self._steps, self._n, self._m = steps, n, m
-        self._u_low, self._u_high = np.tile(limits.u_min, steps), np.tile(limits.u_max, steps)
-        self._v_max, self._velocities = np.tile(limits.v_max, steps), part.velocities
+        self._steps, self._n, self._m, self._part = steps, n, m, part
+        self._u_min, self._u_max, self._v_max = (bound[part.inputs] for bound in limits)
         # G[k] holds the derivative of state k by all inputs; those from k on stay zero.
         self._G = np.zeros((steps + 1, n, m * steps))
         self._S = np.empty((steps, n, m * steps))
         self._error = np.empty((steps, n))
         newest = [self._G[k + 1, :, m * k : m * (k + 1)] for k in range(steps)]
         self._recursion = list(zip(self._G[:-1], self._G[1:], newest, strict=True))
-        self._weights: Weights | None = None
-        self._matrices = b"", b""
-        self._H = self._C = np.empty((0, 0))
+        self._H: Array | None = None
+        self._C = np.empty((0, 0))
 
     def response(self, du: Array) -> Array:
         """How the states (N + 1, n) of the LTV model last condensed depart under inputs that depart by du (N, m)."""
         return self._G.reshape(-1, du.size).dot(du.ravel()).reshape(-1, self._n)
 
-    def __call__(self, ltv: Ltv, w: Weights, x_ref: Array, u_ref: Array) -> CondensedQp:
-        """Condense one horizon.
+    def __call__(self, ltv: Ltv, w: Weights, x_off: Array, u_off: Array) -> CondensedQp:
+        """Condense one horizon; all but the weights are of the whole model.
 
         Args:
             ltv: N steps of the linear model.
-            w: Weights of (26).
-            x_ref: (N + 1, n) reference states.
-            u_ref: (N, m) reference inputs.
+            w: The part's weights in (26); those of one whose matrices never change must not either.
+            x_off: (N + 1, 10) how far the nominal states are off the reference.
+            u_off: (N, 4) how far the nominal inputs are off the reference.
         """
-        matrices = ltv.A.tobytes(), ltv.B.tobytes()
-        if w is not self._weights or matrices != self._matrices:
-            self._condense(ltv, w)
-            self._weights, self._matrices = w, matrices
-        error, H, C = self._error, self._H, self._C
-        off = ltv.x_nominal[1:] - x_ref[1:]
+        part, H = self._part, self._H
+        if H is None or not part.constant:
+            H = self._condense(ltv, w)
+        off, error = x_off[1:].take(part.states, axis=1), self._error
         np.multiply(off[:-1], w.sqrt_Q, out=error[:-1])
-        error[-1] = w.sqrt_Qf.dot(off[-1])
-        u_nominal = ltv.u_nominal.ravel()
-        # H holds R already, which weighs the distance from u_ref, not from u_nominal.
-        g = error.ravel().dot(self._S.reshape(-1, len(H))) - H.dot(u_nominal)
-        g += (w.R * (ltv.u_nominal - u_ref)).ravel()
-        offset = ltv.x_nominal[1:].take(self._velocities, axis=1).ravel() - C.dot(u_nominal)
-        return CondensedQp(H, g, C, -self._v_max - offset, self._v_max - offset, self._u_low, self._u_high)
+        np.dot(w.sqrt_Qf, off[-1], out=error[-1])
+        g = error.ravel().dot(self._S.reshape(-1, len(H)))
+        g += (w.R * u_off.take(part.inputs, axis=1)).ravel()
+        v, u = ltv.x_nominal[1:].take(part.velocities, axis=1), ltv.u_nominal.take(part.inputs, axis=1)
+        low, high = -self._v_max - v, self._v_max - v
+        return CondensedQp(
+            H, g, self._C, low.ravel(), high.ravel(), (self._u_min - u).ravel(), (self._u_max - u).ravel()
+        )
 
-    def _condense(self, ltv: Ltv, w: Weights) -> None:
+    def _condense(self, ltv: Ltv, w: Weights) -> Array:
         """The matrices: G, S = [sqrt_Q G; sqrt_Qf G_N], H = S'S + R and the velocity rows C of G."""
         n, G, S = self._steps, self._G, self._S
-        for A, B, (before, after, newest) in zip(ltv.A, ltv.B, self._recursion, strict=True):
+        for A, B, (before, after, newest) in zip(*self._part.matrices(ltv), self._recursion, strict=True):
             np.dot(A, before, out=after)
             newest[...] = B
         np.multiply(G[1:n], w.sqrt_Q[:, None], out=S[:-1])
@@ -126,7 +124,8 @@ class Condenser:
         self._H = H = stacked.T @ stacked
         diagonal = H.reshape(-1)[:: len(H) + 1].reshape(n, self._m)
         diagonal += w.R
-        self._C = G[1:].take(self._velocities, axis=1).reshape(len(H), len(H))
+        self._C = G[1:].take(self._part.own_velocities, axis=1).reshape(len(H), len(H))
+        return H
 
 
 def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from controllers.model import Model, Push, State, simulator
+from controllers.model import Model, Push, simulator
 from controllers.signals import Array
 
 Coupling = Literal["removed", "full"]
@@ -18,19 +18,16 @@ NO_PUSH: Push = (0.0, 0.0, 0.0, 0.0)
 
 
 class Ltv(NamedTuple):
-    """x_{k+1} = x_nominal_{k+1} + A_k (x_k - x_nominal_k) + B_k (u_k - u_nominal_k), (21).
-
-    The whole model has n = 10 states and m = 4 inputs, a part of it fewer.
-    """
+    """x_{k+1} = x_nominal_{k+1} + A_k (x_k - x_nominal_k) + B_k (u_k - u_nominal_k), (21)."""
 
     A: Array
-    """(N, n, n) discrete state matrices."""
+    """(N, 10, 10) discrete state matrices."""
     B: Array
-    """(N, n, m) discrete input matrices."""
+    """(N, 10, 4) discrete input matrices."""
     x_nominal: Array
-    """(N + 1, n) nominal states (12)."""
+    """(N + 1, 10) nominal states (12)."""
     u_nominal: Array
-    """(N, m) nominal inputs (13)."""
+    """(N, 4) nominal inputs (13)."""
 
 
 class Part:
@@ -39,28 +36,29 @@ class Part:
     Args:
         states: Their places among the ten.
         inputs: Their places among the four.
+        constant: Whether its matrices are the same along any nominal trajectory.
     """
 
-    def __init__(self, states: tuple[int, ...], inputs: tuple[int, ...]) -> None:
-        self.states, self.inputs = np.array(states), np.array(inputs)
-        self.velocities = np.array([states.index(4 + i) for i in inputs])
-        """Where the velocities vx vy vz and yaw rate that the inputs drive stand among the part's own states."""
+    def __init__(self, states: tuple[int, ...], inputs: tuple[int, ...], *, constant: bool = False) -> None:
+        self.states, self.inputs, self.constant = np.array(states), np.array(inputs), constant
+        self.velocities = 4 + self.inputs
+        """The states, among the ten, that the inputs drive: vx vy vz (m/s) or yaw rate (rad/s)."""
+        self.own_velocities = np.searchsorted(self.states, self.velocities)
+        """The same among the part's own states."""
         self._A = (N_STATES * self.states[:, None] + self.states).ravel()
         self._B = (N_INPUTS * self.states[:, None] + self.inputs).ravel()
 
-    def of(self, ltv: Ltv) -> Ltv:
-        """The part of the whole model: its own matrices and nominal trajectory."""
+    def matrices(self, ltv: Ltv) -> tuple[Array, Array]:
+        """A (N, n, n) and B (N, n, m) of its n states and m inputs."""
         n, m, steps = len(self.states), len(self.inputs), len(ltv.A)
-        return Ltv(
+        return (
             ltv.A.reshape(steps, -1).take(self._A, axis=1).reshape(steps, n, n),
             ltv.B.reshape(steps, -1).take(self._B, axis=1).reshape(steps, n, m),
-            ltv.x_nominal.take(self.states, axis=1),
-            ltv.u_nominal.take(self.inputs, axis=1),
         )
 
 
 PARTS: dict[Coupling, tuple[Part, ...]] = {
-    "removed": (Part((0, 1, 4, 5, 8, 9), (0, 1)), Part((2, 3, 6, 7), (2, 3))),
+    "removed": (Part((0, 1, 4, 5, 8, 9), (0, 1)), Part((2, 3, 6, 7), (2, 3), constant=True)),
     "full": (Part(tuple(range(N_STATES)), tuple(range(N_INPUTS))),),
 }
 """Parts that do not act on one another, so that (26) falls into one optimisation for each.
@@ -90,8 +88,8 @@ class Linearisation:
     def __init__(
         self, model: Model, k_i: float, period: float, coupling: Coupling, discretisation: Discretisation
     ) -> None:
-        self._k_i, self._period, self._coupling, self._discretisation = k_i, period, coupling, discretisation
-        self._simulate = simulator(model, period)
+        self._period, self._coupling, self._discretisation = period, coupling, discretisation
+        self._simulate, self._half_step = simulator(model, period), 0.5 * k_i * period
         self._constant = A = np.zeros((N_STATES, N_STATES))
         A[2, 6] = A[3, 7] = 1.0
         A[4, 4], A[5, 5], A[7, 7] = model.k_x, model.k_y, model.k_yaw
@@ -120,13 +118,13 @@ class Linearisation:
             (N + 1, 10) nominal states.
         """
         px, py, pz, yaw, vx, vy, vz, r, *_ = x0.tolist()
-        start: State = (px, py, pz, yaw, vx, vy, vz, r)
         out = np.empty((len(u_nominal) + 1, N_STATES))
-        out[0, :8], out[1:, :8] = start, self._simulate(start, u_nominal.tolist(), push)
-        error = out[:, :2] - xy_ref
-        error *= 0.5 * self._k_i * self._period
-        out[0, 8:] = x0[8:]
-        out[1:, 8:] = x0[8:] + (error[1:] + error[:-1]).cumsum(axis=0)
+        out[0] = x0
+        out[1:, :8] = self._simulate((px, py, pz, yaw, vx, vy, vz, r), u_nominal.tolist(), push)
+        area = (out[:, :2] - xy_ref) * self._half_step
+        integral = out[:, 8:]
+        np.add(area[1:], area[:-1], out=integral[1:])
+        np.add.accumulate(integral, axis=0, out=integral)
         return out
 
     def jacobians(self, x: Array) -> tuple[Array, Array]:

@@ -20,22 +20,30 @@ sys.modules.setdefault(_cpu.__name__, _cpu)
 
 from proxsuite import proxqp  # noqa: E402
 
+ROUNDING = 1e-9
+"""What ProxQP leaves of the multiplier of a bound that does not hold with equality."""
+
 
 class Solution(NamedTuple):
     """A minimiser of a condensed QP."""
 
-    u: Array
-    """(n,) stacked inputs, inside their box."""
+    du: Array
+    """(n,) stacked departures of the inputs, inside their box to the solver's tolerance."""
     softened: bool
     """Whether the velocity bounds had to give."""
     slack: float
     """Largest excess over a velocity bound, m/s or rad/s; 0 unless softened."""
     iterations: int
     """Newton iterations, both attempts together."""
-    active_bounds: int
-    """Multipliers above rounding."""
     objective: float
-    """1/2 u'H u + g'u, and the penalty of the softening."""
+    """1/2 du'H du + g'du, and the penalty of the softening."""
+    multipliers: Array
+    """Of all bounds; the solver's own memory, which its next solve overwrites."""
+
+    @property
+    def active_bounds(self) -> int:
+        """Multipliers above rounding."""
+        return int(np.count_nonzero(np.abs(self.multipliers) > ROUNDING))
 
 
 class ProxQp:
@@ -43,8 +51,8 @@ class ProxQp:
 
     Warm-started by the last solution. An infeasible dense QP can take ProxQP minutes, and a barely feasible one
     is as bad (ProxSuite #291), so that both attempts work under a tight iteration limit. H, g, C and all bounds may
-    change every step, since the model is time-varying; only an array that is the very one of the last call is not read
-    again.
+    change every step, since the model is time-varying; only where H and C are the very arrays of the last call are they
+    not read again.
 
     The object keeps warm-start state: make a new one for every flight.
 
@@ -77,17 +85,17 @@ class ProxQp:
         if not (self._gave_way and _out_of_reach(qp, self._m)):
             if hard.solve(qp):
                 self._gave_way = False
-                return hard.solution(qp, False, 0.0, 0)
+                return hard.solution(self._n, False, 0.0, 0)
             iterations = hard.iterations
         self._gave_way = True
         hard.forget()
         soft = self._soften(qp)
         if soft is None:
             return None
-        return soft.solution(qp, True, float(soft.x[self._n :].max()), iterations)
+        return soft.solution(self._n, True, float(soft.x[self._n :].max()), iterations)
 
     def _soften(self, qp: CondensedQp) -> "_Solver | None":
-        """Add one slack s >= 0 per velocity axis: v_low - s <= C u <= v_high + s.
+        """Add one slack s >= 0 per velocity axis: v_low - s <= C du <= v_high + s.
 
         One slack that moves both bounds to one side would halve the rows, but a turning helicopter that is too
         fast has to pass from one bound to the other.
@@ -124,10 +132,6 @@ def _out_of_reach(qp: CondensedQp, m: int) -> bool:
     return bool((middle - reach > qp.v_high[:m]).any() or (middle + reach < qp.v_low[:m]).any())
 
 
-ROUNDING = 1e-9
-"""What ProxQP leaves of the multiplier of a bound that does not hold with equality."""
-
-
 class _Solver:
     """One ProxQP object of fixed size."""
 
@@ -136,11 +140,13 @@ class _Solver:
         self._settings, results = self._qp.settings, self._qp.results
         # Views of what ProxQP overwrites in every solve.
         self.x, self._z, self._info = results.x, results.z, results.info
-        self._settings.eps_abs, self._settings.eps_rel = eps, 0.0
+        self._settings.eps_abs, self._settings.eps_rel, self._doubt = eps, 0.0, 10.0 * eps
         self._settings.max_iter, self._settings.max_iter_in = max_iter, max_iter_in
         self._settings.compute_timings = False
         self.forget()
         self._last: CondensedQp | None = None
+        self.iterations = 0
+        """Newton iterations of the last call."""
 
     def forget(self) -> None:
         """Start the next solve from nothing: a failed one leaves no useful guess."""
@@ -148,30 +154,51 @@ class _Solver:
         self._warm = False
 
     def solve(self, qp: CondensedQp) -> bool:
-        """Solve; True where it converged to a finite point."""
+        """Solve; True where it converged to the minimiser.
+
+        ProxQP 0.8 measures how well bounds are kept and gradients balanced, not whether the multipliers have the signs
+        of their bounds. Starting from the last solution, it calls one in ten solved, where bounds are active, that hold
+        a bound which pulls: up to a hundredth of full stick off. From nothing it does not.
+        """
+        self.iterations, warm = 0, self._warm
+        solved = self._attempt(qp)
+        if solved and warm and self._contradictory(qp):
+            self.forget()
+            solved = self._attempt(qp)
+        return solved
+
+    def _attempt(self, qp: CondensedQp) -> bool:
         # init -> update before the first solve segfaults in ProxSuite 0.8.0; init -> solve -> update does not.
         last, self._last = self._last, qp
         if last is None:
             self._qp.init(qp.H, qp.g, None, None, qp.C, *qp[3:])
-        elif qp.H is last.H and qp.C is last.C and qp.u_low is last.u_low and qp.u_high is last.u_high:
-            self._qp.update(None, qp.g, None, None, None, qp.v_low, qp.v_high)
+        elif qp.H is last.H and qp.C is last.C:
+            self._qp.update(None, qp.g, None, None, None, *qp[3:])
         else:
             self._qp.update(qp.H, qp.g, None, None, qp.C, *qp[3:])
         self._qp.solve()
+        self.iterations += self._info.iter
         if not self._warm:
             self._settings.initial_guess = proxqp.WARM_START_WITH_PREVIOUS_RESULT
             self._warm = True
         # An objective of finite numbers is one; of any other it is none.
         return self._info.status == proxqp.PROXQP_SOLVED and isfinite(self._info.objValue)
 
-    @property
-    def iterations(self) -> int:
-        """Newton iterations of the last solve."""
-        return self._info.iter
+    def _contradictory(self, qp: CondensedQp) -> bool:
+        """Whether a multiplier is not zero although its bound holds with room, or has the sign of the other bound."""
+        x, z, rows = self.x, self._z, len(qp.C)
+        if z.dot(z) < ROUNDING**2:
+            return False
+        for value, multiplier, low, high in (
+            (qp.C.dot(x), z[:rows], qp.v_low, qp.v_high),
+            (x, z[rows:], qp.u_low, qp.u_high),
+        ):
+            clipped = np.minimum(np.maximum(value + multiplier, low), high)
+            if np.abs(value - clipped).max() > self._doubt:
+                return True
+        return False
 
-    def solution(self, qp: CondensedQp, softened: bool, slack: float, iterations: int) -> Solution:
-        """The last solve as an answer to `qp`; `iterations` were spent on it before."""
-        # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
-        u = np.minimum(np.maximum(self.x[: len(qp.g)], qp.u_low), qp.u_high)
-        active = int(np.count_nonzero(np.abs(self._z) > ROUNDING))
-        return Solution(u, softened, slack, iterations + self._info.iter, active, self._info.objValue)
+    def solution(self, n: int, softened: bool, slack: float, iterations: int) -> Solution:
+        """The last solve as an answer in `n` unknowns; `iterations` were spent on it before."""
+        iterations += self.iterations
+        return Solution(self.x[:n].copy(), softened, slack, iterations, self._info.objValue, self._z)

@@ -11,16 +11,6 @@ from controllers.trajectories import Trajectory, fitted
 _BLOCK = 512
 """Samples evaluated at a time: memory does not grow with the flight, and NumPy is called seldom."""
 
-_Names = tuple[tuple[str, str], ...]
-"""Name and unit of each column."""
-_INPUTS: _Names = (("pitch input u_x", ""), ("roll input u_y", ""), ("thrust input u_z", ""), ("yaw input u_yaw", ""))
-_VELOCITIES: _Names = (
-    ("forward speed vx", "m/s"),
-    ("sideward speed vy", "m/s"),
-    ("vertical speed vz", "m/s"),
-    ("yaw rate", "rad/s"),
-)
-
 
 class ReferencePreview:
     """Reference states and inputs from any control time on.

@@ -77,7 +77,7 @@ class QpReport(NamedTuple):
     active_bounds: int
     """Input and velocity bounds that hold with equality."""
     objective: float
-    """Half the cost (26) of the plan up to a constant, and the penalty where it was softened."""
+    """Half the cost (26) of the plan less that of the nominal inputs, and the penalty where it was softened."""
     slack: float
     """Largest softening of a velocity bound, m/s or rad/s; 0 unless `softened`."""
 
@@ -90,7 +90,7 @@ class Command(NamedTuple):
     u: Array
     """(4,) inputs."""
     plan: Plan | None = None
-    """Put there after the command is on its way: see `Controller.plan`."""
+    """This and the report are put there after the command is on its way: see `Controller.explain`."""
     qp: QpReport | None = None
     solve_ns: int = 0
     """Measured wall time inside the QP solver, ns; logged, never used."""

@@ -123,7 +123,7 @@ class Flight:
             command = self.controller.step(t, estimate, reference)
         took = perf_counter_ns() - began
         if estimate is not None:
-            command = command._replace(plan=self.controller.plan())
+            command = self.controller.explain(command)
         self.estimator.command_sent(t, command.u)
         self.record(t, estimate, command, took)
         return command

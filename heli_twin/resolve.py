@@ -120,8 +120,7 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
         if int(t) in plans:
             _linearise_along(controller, law, log.plan.u_nominal[plans[int(t)]])
         try:
-            command = controller.step(int(t), estimate, preview(estimate.stamp, law.steps))
-            yield command._replace(plan=controller.plan())
+            yield controller.explain(controller.step(int(t), estimate, preview(estimate.stamp, law.steps)))
         except (ArithmeticError, ValueError) as error:
             raise HeliTwinError(
                 f"the control problem at {1e-9 * t:.3f} s cannot be rebuilt from this log: {error}"

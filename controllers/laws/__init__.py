@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 
 from controllers.model import Model
-from controllers.signals import Command, Estimate, Plan, QpReport, Reference
+from controllers.signals import Command, Estimate, QpReport, Reference
 
 
 class Controller(Protocol):
@@ -21,10 +21,10 @@ class Controller(Protocol):
         """
         ...
 
-    def plan(self) -> Plan | None:
-        """What it expects to happen after its last step; None if it expects nothing.
+    def explain(self, command: Command) -> Command:
+        """Add to the command of the last step what it rests on, as far as the law has it: plan and QP report.
 
-        To fly, nobody needs it: it is worked out when it is asked for, once the command is on its way.
+        To fly, nobody needs them: they are worked out when they are asked for, once the command is on its way.
         """
         ...
 

@@ -68,6 +68,7 @@ class LtvMpcController:
             self._weights = self._weights._replace(sqrt_Qf=np.linalg.cholesky(P).T)
         parts = PARTS[spec.coupling]
         self._shares = [_Share(part, spec.steps, self._limits, self._weights) for part in parts]
+        self._solved: list[Solution] = []
         self._state_order = np.argsort(np.concatenate([part.states for part in parts]))
         self._input_order = np.argsort(np.concatenate([part.inputs for part in parts]))
         self._u_nominal: Array | None = None
@@ -88,28 +89,30 @@ class LtvMpcController:
         ltv, qps = self.problem(estimate, reference)
         solutions = [share.solver(qp) for share, qp in zip(self._shares, qps, strict=True)]
         solve_ns = sum(share.solver.solve_ns for share in self._shares)
-        solved = [solution for solution in solutions if solution]
+        solved, u = [solution for solution in solutions if solution], ltv.u_nominal
         if len(solved) == len(solutions):
             self._unsolved, steps = 0, self._spec.steps
-            parts = [solution.u.reshape(steps, -1) for solution in solved]
-            u = np.concatenate(parts, axis=1).take(self._input_order, axis=1)
+            parts = [solution.du.reshape(steps, -1) for solution in solved]
+            u = u + np.concatenate(parts, axis=1).take(self._input_order, axis=1)
+            # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
+            u = np.minimum(np.maximum(u, self._limits.u_min), self._limits.u_max)
         else:
             self._unsolved += 1
             if self._unsolved > self._spec.steps:
                 return safe_hover(self._spec.model, now)._replace(solve_ns=solve_ns)
-            solved, u = [], ltv.u_nominal
-        self._u_nominal, self._flown = shift(u), (ltv, u)
-        return Command(now, u[0], qp=_report(solved), solve_ns=solve_ns)
+            solved = []
+        self._u_nominal, self._flown, self._solved = shift(u), (ltv, u), solved
+        return Command(now, u[0], solve_ns=solve_ns)
 
-    def plan(self) -> Plan | None:
-        """The inputs of the last step and the states that the LTV model reaches under them; None after a safe hover."""
+    def explain(self, command: Command) -> Command:
+        """Add the states that the LTV model reaches under the planned inputs, and how the QPs were solved."""
         if self._flown is None:
-            return None
+            return command
         ltv, u = self._flown
         du = u - ltv.u_nominal
         moved = [share.condenser.response(du.take(share.part.inputs, axis=1)) for share in self._shares]
         x = ltv.x_nominal + np.concatenate(moved, axis=1).take(self._state_order, axis=1)
-        return Plan(x, u, ltv.u_nominal)
+        return command._replace(plan=Plan(x, u, ltv.u_nominal), qp=_report(self._solved))
 
     def linearise_along(self, u_nominal: Array) -> None:
         """Take these nominal inputs (N, 4) in the next step, not the shifted last plan: those of a log, for one."""
@@ -121,12 +124,6 @@ class LtvMpcController:
         error = estimate.x[:2] - reference.x[0, :2]
         self._integral += self._half_step * (error + self._last_error)
         self._last_error = error
-        x_ref = np.zeros((spec.steps + 1, N_STATES))
-        x_ref[:, :8] = reference.x
-        # The estimate counts turns from the first pose it saw, the plan from its own start.
-        turns = round(float(estimate.x[3] - reference.x[0, 3]) / (2.0 * pi))
-        if turns:
-            x_ref[:, 3] += 2.0 * pi * turns
         push, u_ref = NO_PUSH, reference.u
         if spec.offset_free != "off":
             cancelled = _CANCELLED[spec.offset_free] * estimate.disturbance
@@ -136,10 +133,17 @@ class LtvMpcController:
         if u_nominal is None:
             u_nominal = np.clip(u_ref, self._limits.u_min, self._limits.u_max)
         ltv = self._linearise(np.concatenate([estimate.x, self._integral]), u_nominal, reference.x[:, :2], push)
+        x_off, u_off = ltv.x_nominal.copy(), u_nominal - u_ref
+        x_off[:, :8] -= reference.x
+        # The estimate counts turns from the first pose it saw, the plan from its own start.
+        turns = round(float(x_off[0, 3]) / (2.0 * pi))
+        if turns:
+            x_off[:, 3] -= 2.0 * pi * turns
+        weights = [share.weights for share in self._shares]
         if spec.terminal == "riccati":
             turned = self._turned_weights(ltv)
-            return ltv, [share.condense(ltv, turned.of(share.part), x_ref, u_ref) for share in self._shares]
-        return ltv, [share.condense(ltv, share.weights, x_ref, u_ref) for share in self._shares]
+            weights = [turned.of(share.part) for share in self._shares]
+        return ltv, [share.condenser(ltv, w, x_off, u_off) for share, w in zip(self._shares, weights, strict=True)]
 
     def _turned_weights(self, ltv: Ltv) -> Weights:
         """The Riccati weight belongs to a helicopter that looks north: turn it to the heading at the horizon's end."""
@@ -155,14 +159,8 @@ class _Share:
 
     def __init__(self, part: Part, steps: int, limits: Limits, weights: Weights) -> None:
         self.part, self.weights = part, weights.of(part)
-        self.condenser = Condenser(steps, Limits(*(bound[part.inputs] for bound in limits)), part)
+        self.condenser = Condenser(steps, limits, part)
         self.solver = ProxQp(steps, len(part.inputs))
-
-    def condense(self, ltv: Ltv, weights: Weights, x_ref: Array, u_ref: Array) -> CondensedQp:
-        """The QP of this part; arguments but the weights are those of the whole model."""
-        part = self.part
-        x_ref, u_ref = x_ref.take(part.states, axis=1), u_ref.take(part.inputs, axis=1)
-        return self.condenser(part.of(ltv), weights, x_ref, u_ref)
 
 
 _CANCELLED = {"z": np.array([0.0, 0.0, 1.0, 0.0]), "all": np.ones(4)}
@@ -181,6 +179,10 @@ def _report(solutions: list[Solution]) -> QpReport:
     """All parts' solutions together; nothing solved is a plan flown on."""
     if not solutions:
         return QpReport("shifted_plan", 0, 0, 0.0, 0.0)
-    _, softened, slack, iterations, active, objective = zip(*solutions, strict=True)
-    status = "softened" if any(softened) else "solved"
-    return QpReport(status, sum(iterations), sum(active), sum(objective), max(slack))
+    return QpReport(
+        "softened" if any(s.softened for s in solutions) else "solved",
+        sum(s.iterations for s in solutions),
+        sum(s.active_bounds for s in solutions),
+        sum(s.objective for s in solutions),
+        max(s.slack for s in solutions),
+    )

@@ -86,8 +86,9 @@ class PidController:
         self._integral += _turned(np.where(stuck, 0.0, self._spec.period * error), x[3])
         return Command(now, np.clip(u, self._low, self._high))
 
-    def plan(self) -> None:
+    def explain(self, command: Command) -> Command:
         """It does not look ahead."""
+        return command
 
 
 def _turned(v: Array, angle: float) -> Array:

@@ -18,7 +18,7 @@ from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Alternative, Space, value_at, varied
 from heli_twin.studies.study import Study
 
-PHYSICS_VERSION = 2
+PHYSICS_VERSION = 3
 """Part of every run's id. Raise it by hand when the same experiment comes to fly differently: then old results do not
 count as flown any more."""
 

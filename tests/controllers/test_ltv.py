@@ -159,11 +159,11 @@ def test_no_part_acts_on_another(seed, coupling, method):
     ltv = along(coupling, method)(x0, u, xy_ref)
     A, B = ltv.A.copy(), ltv.B.copy()
     for part in PARTS[coupling]:
-        own = part.of(ltv)
-        np.testing.assert_array_equal(own.A, A[:, part.states[:, None], part.states])
-        np.testing.assert_array_equal(own.B, B[:, part.states[:, None], part.inputs])
-        np.testing.assert_array_equal(own.x_nominal, ltv.x_nominal[:, part.states])
-        np.testing.assert_array_equal(own.u_nominal, u[:, part.inputs])
+        own_A, own_B = part.matrices(ltv)
+        np.testing.assert_array_equal(own_A, A[:, part.states[:, None], part.states])
+        np.testing.assert_array_equal(own_B, B[:, part.states[:, None], part.inputs])
+        assert not part.constant or not (np.ptp(own_A, axis=0).any() or np.ptp(own_B, axis=0).any())
+        np.testing.assert_array_equal(part.states[part.own_velocities], part.velocities)
         A[:, part.states[:, None], part.states] = B[:, part.states[:, None], part.inputs] = 0.0
     # Nothing is left between the parts, to the last digit.
     assert not A.any()

@@ -33,7 +33,7 @@ def planned(trajectory, k, steps):
 
 def decided(controller, k, x, reference):
     """A command with its plan."""
-    return controller.step(k, estimate(x), reference)._replace(plan=controller.plan())
+    return controller.explain(controller.step(k, estimate(x), reference))
 
 
 def flown(spec, trajectory, seconds, x=None, push=(0.0, 0.0, 0.0, 0.0)):
@@ -129,6 +129,8 @@ def test_the_plan_is_the_minimiser_of_the_printed_problem(coupling, discretisati
     # An input that is off by this much, over 0.16 s.
     np.testing.assert_allclose(command.plan.x[1:], states, rtol=0, atol=3 * SOLVER)
     np.testing.assert_array_equal(command.u, command.plan.u[0])
+    assert (command.plan.u >= MODEL.u_min).all()
+    assert (command.plan.u <= MODEL.u_max).all()
 
 
 class Failing:
@@ -189,7 +191,7 @@ def test_without_any_plan_the_feed_forward_is_flown(monkeypatch):
     Failing(monkeypatch, lambda _: True)
     spec = LtvMpc()
     reference = planned(Circle(ramp=0.0), 0, spec.steps)
-    command = spec.start().step(0, estimate(reference.x[0]), reference)
+    command = decided(spec.start(), 0, reference.x[0], reference)
     assert command.qp.status == "shifted_plan"
     np.testing.assert_array_equal(command.u, reference.u[0])
 
