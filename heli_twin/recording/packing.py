@@ -55,9 +55,7 @@ class Layout:
         buffer = bytearray(self._template * len(rows))
         records = np.frombuffer(buffer, self.dtype)
         for name, column in zip(self.dtype.names or (), zip(*rows, strict=True), strict=True):
-            place = records[name]
-            # Joining is the fastest way to make one array of many.
-            place[...] = column if place.ndim == 1 else np.concatenate(column).reshape(place.shape)
+            records[name] = column
         data = bytes(buffer)
         return [data[at : at + size] for at in range(0, len(data), size)]
 
