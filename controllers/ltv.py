@@ -64,7 +64,7 @@ PARTS: dict[Coupling, tuple[Part, ...]] = {
 """Parts that do not act on one another, so that (26) falls into one optimisation for each.
 
 Without the coupling these are the plane, whose matrices turn with the nominal yaw, and height and yaw, whose matrices
-never change.
+never change. Their inputs, one part after the other, are those of the model.
 """
 
 

@@ -70,7 +70,6 @@ class LtvMpcController:
         self._shares = [_Share(part, spec.steps, self._limits, self._weights) for part in parts]
         self._solved: list[Solution] = []
         self._state_order = np.argsort(np.concatenate([part.states for part in parts]))
-        self._input_order = np.argsort(np.concatenate([part.inputs for part in parts]))
         self._u_nominal: Array | None = None
         self._flown: tuple[Ltv, Array] | None = None
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
@@ -92,8 +91,7 @@ class LtvMpcController:
         solved, u = [solution for solution in solutions if solution], ltv.u_nominal
         if len(solved) == len(solutions):
             self._unsolved, steps = 0, self._spec.steps
-            parts = [solution.du.reshape(steps, -1) for solution in solved]
-            u = u + np.concatenate(parts, axis=1).take(self._input_order, axis=1)
+            u = u + np.concatenate([solution.du.reshape(steps, -1) for solution in solved], axis=1)
             # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
             u = np.minimum(np.maximum(u, self._limits.u_min), self._limits.u_max)
         else:

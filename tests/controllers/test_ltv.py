@@ -169,3 +169,4 @@ def test_no_part_acts_on_another(seed, coupling, method):
     assert not A.any()
     assert not B.any()
     assert sorted(np.concatenate([part.states for part in PARTS[coupling]])) == list(range(10))
+    assert [*np.concatenate([part.inputs for part in PARTS[coupling]])] == [0, 1, 2, 3]
