@@ -74,20 +74,21 @@ class Condenser:
 
     def __init__(self, steps: int, limits: Limits, part: Part) -> None:
         n, m = len(part.states), len(part.inputs)
-        self._steps, self._n, self._m, self._part = steps, n, m, part
+        self._steps, self._m, self._part = steps, m, part
         self._u_min, self._u_max, self._v_max = (bound[part.inputs] for bound in limits)
-        # G[k] holds the derivative of state k by all inputs; those from k on stay zero.
-        self._G = np.zeros((steps + 1, n, m * steps))
+        # The derivatives by all inputs of state k and, below them, of input k itself, which never change.
+        derivatives = np.zeros((steps + 1, n + m, m * steps))
+        derivatives[:-1, n:] = np.eye(m * steps).reshape(steps, m, m * steps)
+        self._G = G = derivatives[:, :n]
         self._S = np.empty((steps, n, m * steps))
         self._error = np.empty((steps, n))
-        newest = [self._G[k + 1, :, m * k : m * (k + 1)] for k in range(steps)]
-        self._recursion = list(zip(self._G[:-1], self._G[1:], newest, strict=True))
+        self._recursion = list(zip(derivatives[:-1], G[1:], strict=True))
         self._H: Array | None = None
         self._C = np.empty((0, 0))
 
     def response(self, du: Array) -> Array:
         """How the states (N + 1, n) of the LTV model last condensed depart under inputs that depart by du (N, m)."""
-        return self._G.reshape(-1, du.size).dot(du.ravel()).reshape(-1, self._n)
+        return self._G.dot(du.ravel())
 
     def __call__(self, ltv: Ltv, w: Weights, x_off: Array, u_off: Array) -> CondensedQp:
         """Condense one horizon; all but the weights are of the whole model.
@@ -115,9 +116,8 @@ class Condenser:
     def _condense(self, ltv: Ltv, w: Weights) -> Array:
         """The matrices: G, S = [sqrt_Q G; sqrt_Qf G_N], H = S'S + R and the velocity rows C of G."""
         n, G, S = self._steps, self._G, self._S
-        for A, B, (before, after, newest) in zip(*self._part.matrices(ltv), self._recursion, strict=True):
-            np.dot(A, before, out=after)
-            newest[...] = B
+        for AB, (before, after) in zip(self._part.matrices(ltv), self._recursion, strict=True):
+            np.dot(AB, before, out=after)
         np.multiply(G[1:n], w.sqrt_Q[:, None], out=S[:-1])
         np.matmul(w.sqrt_Qf, G[n], out=S[-1])
         stacked = S.reshape(-1, S.shape[2])

@@ -48,13 +48,13 @@ class Part:
         self._A = (N_STATES * self.states[:, None] + self.states).ravel()
         self._B = (N_INPUTS * self.states[:, None] + self.inputs).ravel()
 
-    def matrices(self, ltv: Ltv) -> tuple[Array, Array]:
-        """A (N, n, n) and B (N, n, m) of its n states and m inputs."""
+    def matrices(self, ltv: Ltv) -> Array:
+        """[A_k B_k] (N, n, n + m) of its n states and m inputs."""
         n, m, steps = len(self.states), len(self.inputs), len(ltv.A)
-        return (
-            ltv.A.reshape(steps, -1).take(self._A, axis=1).reshape(steps, n, n),
-            ltv.B.reshape(steps, -1).take(self._B, axis=1).reshape(steps, n, m),
-        )
+        AB = np.empty((steps, n, n + m))
+        AB[..., :n] = ltv.A.reshape(steps, -1).take(self._A, axis=1).reshape(steps, n, n)
+        AB[..., n:] = ltv.B.reshape(steps, -1).take(self._B, axis=1).reshape(steps, n, m)
+        return AB
 
 
 PARTS: dict[Coupling, tuple[Part, ...]] = {

@@ -115,14 +115,13 @@ class Flight:
             self.recorder.pose(at, pose)
             self.estimator.receive(at, pose)
         estimate = self.estimator.estimate(t)
-        began = perf_counter_ns()
         if estimate is None:
-            command = safe_hover(self.experiment.controller.model, t)
+            command, took = safe_hover(self.experiment.controller.model, t), 0
         else:
             reference = self.preview(estimate.stamp, self.experiment.controller.steps)
+            began = perf_counter_ns()
             command = self.controller.step(t, estimate, reference)
-        took = perf_counter_ns() - began
-        if estimate is not None:
+            took = perf_counter_ns() - began
             command = self.controller.explain(command)
         self.estimator.command_sent(t, command.u)
         self.record(t, estimate, command, took)
