@@ -156,9 +156,9 @@ class _Solver:
     def solve(self, qp: CondensedQp) -> bool:
         """Solve; True where it converged to the minimiser.
 
-        ProxQP 0.8 measures how well bounds are kept and gradients balanced, not whether the multipliers have the signs
-        of their bounds. Starting from the last solution, it calls one in ten solved, where bounds are active, that hold
-        a bound which pulls: up to a hundredth of full stick off. From nothing it does not.
+        ProxQP 0.8 measures how well bounds are kept and gradients balanced, not whether multipliers have the signs of
+        their bounds. Started from the last solution, it calls one problem in ten with active bounds solved that is not,
+        up to a hundredth of full stick off. Started from nothing, it does not.
         """
         self.iterations, warm = 0, self._warm
         solved = self._attempt(qp)
