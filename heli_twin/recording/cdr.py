@@ -1,10 +1,7 @@
 """ROS 2 messages in CDR, little-endian: the two that viewers understand and protobuf has no equal for."""
 
 import struct
-
-import numpy as np
-
-from controllers.signals import Array
+from collections.abc import Sequence
 
 _LITTLE_ENDIAN = b"\0\1\0\0"
 
@@ -24,12 +21,13 @@ class JointStates:
         # The stamp stands in front, eight bytes, so it moves nothing off its alignment.
         self._head = _aligned(_aligned(data, 4) + struct.pack("<I", len(names)), 8)
         self._between = struct.pack("<II", len(names), 0)
+        values = f"8s{len(names)}d"
+        self._message = struct.Struct(f"<4siI{len(self._head)}s{values[2:]}{values}{values}")
 
-    def pack(self, t: int, position: Array, velocity: Array, effort: Array) -> bytes:
-        """The message at time t (ns) with these values, each (n,)."""
-        stamp = struct.pack("<iI", t // 1_000_000_000, t % 1_000_000_000)
-        arrays = [np.asarray(values, "<f8").tobytes() for values in (position, velocity, effort)]
-        return _LITTLE_ENDIAN + stamp + self._head + self._between.join(arrays)
+    def pack(self, t: int, position: Sequence[float], velocity: Sequence[float], effort: Sequence[float]) -> bytes:
+        """The message at time t (ns) with these values, one of each for every joint."""
+        stamp, between = divmod(t, 1_000_000_000), self._between
+        return self._message.pack(_LITTLE_ENDIAN, *stamp, self._head, *position, between, *velocity, between, *effort)
 
 
 def _string(text: str) -> bytes:

@@ -35,6 +35,7 @@ LEVEL = -2
 """Of zstd's compression: half the time of its default and 7 % larger, for most of a flight is noise."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)
 _MESSAGE_FIELDS = _MESSAGE.size - 9
 """Bytes that the length of a message record counts besides its data."""
 
@@ -95,7 +96,7 @@ class McapStream:
         pack, headers = _MESSAGE.pack, list[bytes]()
         records, index, size = self._records, self._index, self._size
         for channel, time, data in batch:
-            header = pack(Opcode.MESSAGE, _MESSAGE_FIELDS + len(data), channel, 0, time, time)
+            header = pack(_MESSAGE_OPCODE, _MESSAGE_FIELDS + len(data), channel, 0, time, time)
             headers.append(header)
             records += (header, data)
             index[channel] += (time, size)
