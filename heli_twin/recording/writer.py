@@ -84,6 +84,8 @@ class Recorder:
         self._hash = hashlib.sha256(experiment.encode())
         self._waiting: list[tuple[str, int, Iterable[Any] | bytes]] = []
         """Topic, time and values, or the whole message, of what is not packed yet."""
+        self._measured: list[tuple[int, tuple[int, int]]] = []
+        """Time and values of what is not packed yet of the one topic that is not hashed."""
         self._file: LogFile | BytesIO = BytesIO() if path is None else LogFile(path, lambda: self._time)
         self._mcap = McapStream(self._file, library=LIBRARY, chunk_size=CHUNK_SIZE)
         self._mcap.metadata("heli_twin", {"format": str(FORMAT)})
@@ -97,7 +99,7 @@ class Recorder:
         self._channels = {topic.name: self._mcap.channel(*topic) for topic in TOPICS}
         self._layouts = dict(LAYOUTS)
         self._viewers = Viewers()
-        self._write([self._viewers.description()])
+        self._hash.update(self._write([self._viewers.description()]))
 
     def truth(self, t: int, truth: Truth) -> None:
         """What the helicopter does."""
@@ -149,7 +151,7 @@ class Recorder:
 
     def timing(self, t: int, control_step_ns: int, solve_ns: int) -> None:
         """Measured times; the only message that is not part of the digest."""
-        self._put(TIMING, t, (control_step_ns, solve_ns))
+        self._measured.append((t, (control_step_ns, solve_ns)))
 
     @property
     def digest(self) -> str:
@@ -223,17 +225,17 @@ class Recorder:
         messages = [
             (topic, t, values if type(values) is bytes else next(packed[topic])) for topic, t, values in waiting
         ]
-        self._write(messages)
-        self._write([*self._viewers.messages(messages)])
+        measured, self._measured = self._measured, []
+        times = self._layouts[TIMING].pack([values for _, values in measured]) if measured else []
+        self._write([(TIMING, t, data) for (t, _), data in zip(measured, times, strict=True)])
+        self._hash.update(self._write(messages))
+        self._hash.update(self._write([*self._viewers.messages(messages)]))
 
-    def _write(self, messages: Sequence[Timed]) -> None:
+    def _write(self, messages: Sequence[Timed]) -> bytes:
+        """Write messages to the file and tell the listeners; returns them as they stand in the file."""
         channels = self._channels
-        headers = self._mcap.messages([(channels[topic], t, data) for topic, t, data in messages])
-        hashed: list[bytes] = []
-        for header, (topic, _, data) in zip(headers, messages, strict=True):
-            if topic != TIMING:
-                hashed += (header, data)
-        self._hash.update(b"".join(hashed))
+        written = self._mcap.messages([(channels[topic], t, data) for topic, t, data in messages])
         for listener in self.listeners:
             for message in messages:
                 listener(*message)
+        return b"".join(written)
