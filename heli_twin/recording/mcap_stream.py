@@ -94,15 +94,18 @@ class McapStream:
             Header and data of one after the other.
         """
         pack, written, first = _MESSAGE.pack, list[bytes](), 0
-        index, size = self._index, self._size
+        index, size, room = self._index, self._size, self._chunk_size - len(self._head)
         for channel, time, data in batch:
-            written += (pack(_MESSAGE_OPCODE, _MESSAGE_FIELDS + len(data), channel, 0, time, time), data)
-            index[channel] += (time, size)
-            size += _MESSAGE.size + len(data)
-            if len(self._head) + size > self._chunk_size:
+            length = _MESSAGE_FIELDS + len(data)
+            written += (pack(_MESSAGE_OPCODE, length, channel, 0, time, time), data)
+            entry = index[channel]
+            entry.append(time)
+            entry.append(size)
+            size += 9 + length
+            if size > room:
                 self._records += written[first:]
                 self._end_chunk()
-                first, index, size = len(written), self._index, 0
+                first, index, size, room = len(written), self._index, 0, self._chunk_size
         self._records += written[first:]
         self._size = size
         return written
