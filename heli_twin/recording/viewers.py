@@ -50,7 +50,8 @@ class Viewers:
         self._tf_due = self._horizon_due = self._plot_due = 0
         self._truth = self._reference = b""
         self._transform = FrameTransform(parent_frame_id=FRAME, child_frame_id=BODY)
-        self._horizon = _cloud(PLANNED)
+        pose = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
+        self._cloud = PointCloud(frame_id=FRAME, pose=pose, point_stride=_POINT.itemsize, fields=_FIELDS)
         self.plan: Layout | None = None
         """How the plans of this flight are packed, once there is one."""
 
@@ -60,7 +61,7 @@ class Viewers:
 
     def reference_path(self, t: int, points: Array) -> Timed:
         """The whole path to fly, (n, 3) world, m."""
-        return "/view/reference_path", t, _drawn(_cloud(WANTED), t, points)
+        return "/view/reference_path", t, _drawn(self._cloud, t, points, WANTED)
 
     def messages(self, batch: Sequence[Timed]) -> Iterator[Timed]:
         """What there is to draw of the next messages of a flight."""
@@ -80,7 +81,7 @@ class Viewers:
             elif topic == "/mpc/plan" and self.plan and t >= self._horizon_due:
                 self._horizon_due = t + HORIZON_PERIOD
                 (plan,) = np.frombuffer(data, self.plan.dtype)
-                yield "/view/horizon", t, _drawn(self._horizon, t, plan["x"][:, :3])
+                yield "/view/horizon", t, _drawn(self._cloud, t, plan["x"][:, :3], PLANNED)
 
 
 def _doubles(topic: str, *names: str) -> struct.Struct:
@@ -139,17 +140,10 @@ _FIELDS = [
 _POINT = np.dtype([("position", "<f4", 3), ("colour", ">u4")])
 
 
-def _cloud(colour: int) -> tuple[PointCloud, int]:
-    """A cloud without points yet, and their colour."""
-    pose = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
-    return PointCloud(frame_id=FRAME, pose=pose, point_stride=_POINT.itemsize, fields=_FIELDS), colour
-
-
-def _drawn(cloud: tuple[PointCloud, int], t: int, points: Array) -> bytes:
-    """A cloud with these points (n, 3), world, m."""
-    message, colour = cloud
+def _drawn(message: PointCloud, t: int, points: Array, colour: int) -> bytes:
+    """A cloud of points (n, 3), world, m; the message is one without any."""
     coloured = np.empty(len(points), _POINT)
     coloured["position"], coloured["colour"] = points, colour
     _stamp(message.timestamp, t)
-    message.data = coloured.tobytes()
-    return message.SerializeToString()
+    # What was once put into a message stays in its memory as long as it lives. The points are its last field.
+    return message.SerializeToString() + PointCloud(data=coloured.tobytes()).SerializeToString()
