@@ -140,7 +140,9 @@ class _Solver:
         self._settings, results = self._qp.settings, self._qp.results
         # Views of what ProxQP overwrites in every solve.
         self.x, self._z, self._info = results.x, results.z, results.info
-        self._settings.eps_abs, self._settings.eps_rel, self._doubt = eps, 0.0, 10.0 * eps
+        self._settings.eps_abs, self._settings.eps_rel = eps, 0.0
+        # What is right is off by eps at most, what is wrong by far more.
+        self._doubt = 10.0 * eps
         self._settings.max_iter, self._settings.max_iter_in = max_iter, max_iter_in
         self._settings.compute_timings = False
         self.forget()

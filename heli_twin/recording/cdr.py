@@ -21,8 +21,8 @@ class JointStates:
         # The stamp stands in front, eight bytes, so it moves nothing off its alignment.
         self._head = _aligned(_aligned(data, 4) + struct.pack("<I", len(names)), 8)
         self._between = struct.pack("<II", len(names), 0)
-        values = f"8s{len(names)}d"
-        self._message = struct.Struct(f"<4siI{len(self._head)}s{values[2:]}{values}{values}")
+        values = f"{len(names)}d"
+        self._message = struct.Struct(f"<4siI{len(self._head)}s{values}8s{values}8s{values}")
 
     def pack(self, t: int, position: Sequence[float], velocity: Sequence[float], effort: Sequence[float]) -> bytes:
         """The message at time t (ns) with these values, one of each for every joint."""

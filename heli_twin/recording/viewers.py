@@ -114,7 +114,7 @@ def _error_and_input(t: int, truth: bytes, reference: bytes, command: bytes) -> 
     # A flight that diverged may have any yaw.
     c, s = (cos(yaw), sin(yaw)) if isfinite(yaw) else (nan, nan)
     state = (x, y, z, yaw, c * vx + s * vy, c * vy - s * vx, vz, rate)
-    off = [is_ - should for is_, should in zip(state, _WANTED.unpack_from(reference), strict=True)]
+    off = [real - wanted for real, wanted in zip(state, _WANTED.unpack_from(reference), strict=True)]
     off[3] = (off[3] + pi) % (2 * pi) - pi
     return _AXES.pack(t, off[:4], off[4:], _SENT.unpack_from(command))
 
