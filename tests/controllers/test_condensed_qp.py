@@ -144,6 +144,7 @@ def test_its_rows_are_the_predicted_velocities_within_their_limits(seed, steps):
     # Rounding of velocities up to 25 rad/s.
     np.testing.assert_allclose(qp.C @ du - qp.v_high, (velocities - LIMITS.v_max).ravel(), rtol=0, atol=1e-12)
     np.testing.assert_allclose(qp.C @ du - qp.v_low, (velocities + LIMITS.v_max).ravel(), rtol=0, atol=1e-12)
+    # Rounding of inputs up to 1.
     np.testing.assert_allclose(du - qp.u_low, (u - LIMITS.u_min).ravel(), rtol=0, atol=1e-15)
     np.testing.assert_allclose(du - qp.u_high, (u - LIMITS.u_max).ravel(), rtol=0, atol=1e-15)
 

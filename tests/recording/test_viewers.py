@@ -25,6 +25,7 @@ def test_plots_are_truth_minus_reference_in_the_yaw_frame(record: Record) -> Non
     rows = np.searchsorted(log.truth.time, times)
     np.testing.assert_array_equal(log.truth.time[rows], times)
     off = physical_state(log.truth)[rows] - log.reference.x[np.searchsorted(log.reference.time, times)]
+    # Two libraries' sines, and the turns that the yaw is rounded at.
     np.testing.assert_allclose(joints(log)[:, :8], off, rtol=0, atol=1e-14)
 
 
