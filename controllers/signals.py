@@ -94,3 +94,8 @@ class Command(NamedTuple):
     qp: QpReport | None = None
     solve_ns: int = 0
     """Measured wall time inside the QP solver, ns; logged, never used."""
+
+
+def nanoseconds(seconds: float) -> int:
+    """A duration as integer nanoseconds."""
+    return round(seconds * 1e9)

@@ -3,9 +3,9 @@
 `fly(Experiment())` flies; `load("lab", ["plant.mass=0.03"])` makes an experiment from text; `read_log` opens a log.
 """
 
-from heli_twin.configuration import load
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.text import load
 from heli_twin.mission import Result, fly
 from heli_twin.recording import read_log
 

@@ -9,14 +9,14 @@ from threadpoolctl import threadpool_limits
 
 from controllers.laws import safe_hover
 from controllers.reference import ReferencePreview
-from controllers.signals import Command, Estimate
-from heli_twin import disturbances
-from heli_twin.chance import generator, nanoseconds
-from heli_twin.disturbances import together
+from controllers.signals import Command, Estimate, nanoseconds
 from heli_twin.experiment import Experiment, Volume
-from heli_twin.mocap import Arrival
-from heli_twin.plant import Plant, Truth
-from heli_twin.radio import Held
+from heli_twin.lab import disturbances
+from heli_twin.lab.chance import generator
+from heli_twin.lab.disturbances import together
+from heli_twin.lab.mocap import Arrival
+from heli_twin.lab.plant import Plant, Truth
+from heli_twin.lab.radio import Held
 from heli_twin.recording import Recorder
 
 

@@ -1,41 +1,34 @@
 """From an experiment to a result: check it, fly it, keep its log, measure it."""
 
-import os
-import platform
-import subprocess
 from collections.abc import Callable, Collection
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cache, cached_property
-from importlib.metadata import PackageNotFoundError, version
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from threadpoolctl import threadpool_info
 
 from controllers.errors import InfeasibleTrajectory
 from controllers.flatness import state
 from controllers.reference import check_feasible
-from heli_twin.chance import nanoseconds
+from controllers.signals import nanoseconds
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of, tree_of
 from heli_twin.flight import Flight, Outcome
-from heli_twin.metrics import metrics
-from heli_twin.pictures import planned_path
-from heli_twin.plant import Plant
-from heli_twin.recording import Attachment, Log, Recorder, read_log
-from heli_twin.specs import ExperimentError, canonical_json, experiment_of, toml_of, tree_of
+from heli_twin.lab.plant import Plant
+from heli_twin.logbook import attachments, planned_path, provenance
+from heli_twin.metrics.tracking import metrics
+from heli_twin.recording import Log, Recorder, read_log
 
 if TYPE_CHECKING:
-    from heli_twin.recording.rerun_bridge import Live
+    from heli_twin.viewing.live import Live
 
 MEASURED = ("/truth", "/reference", "/mpc/qp", "/timing")
 """The topics that metrics are computed from; a long log is not held in memory for them."""
-PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
-"""Their versions stand in every log."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +94,7 @@ def fly(
         path,
         experiment=canonical_json(experiment),
         metadata=provenance(),
-        attachments=_attachments(experiment, plant.description()),
+        attachments=attachments(experiment, plant.description()),
         listeners=[pictures] if pictures else [],
     )
     with recorder, closing(pictures) if pictures else nullcontext():
@@ -148,8 +141,8 @@ def _pictures(experiment: Experiment, rerun: str | None) -> "Live | None":
     """A viewer that follows the flight; Rerun is imported only now."""
     if rerun is None:
         return None
-    from heli_twin.pictures import scales, sink
-    from heli_twin.recording.rerun_bridge import Live
+    from heli_twin.viewing.live import Live
+    from heli_twin.viewing.show import scales, sink
 
     return Live(sink(rerun), scales(experiment))
 
@@ -163,62 +156,3 @@ def _new_path(folder: Path, experiment: Experiment) -> Path:
         count += 1
         path = folder / f"{stem}-{count}.mcap"
     return path
-
-
-def _attachments(experiment: Experiment, mjcf: str) -> list[Attachment]:
-    files = [Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())]
-    return [*files, Attachment("plant.xml", "application/xml", mjcf.encode())] if mjcf else files
-
-
-def provenance() -> dict[str, str]:
-    """Where and with what a flight was flown; none of it determines the flight."""
-    found = {
-        "started": datetime.now(UTC).isoformat(),
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-    }
-    found["cpu"] = _cpu()
-    found["vectors"] = _vectors()
-    found["processes"] = str(os.cpu_count())
-    found["git_commit"] = _git_commit()
-    return found | _versions()
-
-
-@cache
-def _versions() -> dict[str, str]:
-    """The packages that are loaded; looking them up takes as long as a fast flight of a second."""
-    found = {}
-    for package in PACKAGES:
-        try:
-            found[f"version.{package}"] = version(package)
-        except PackageNotFoundError:
-            found[f"version.{package}"] = "not installed"
-    return found
-
-
-def _cpu() -> str:
-    """The processor's name: last digits differ between vector instruction sets."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.processor())
-
-
-@cache
-def _vectors() -> str:
-    """The vector instructions that NumPy and its BLAS use here: what last digits depend on."""
-    libraries = [lib for lib in threadpool_info() if lib["user_api"] == "blas"]
-    blas = {f"{lib['internal_api']} {lib.get('architecture')}" for lib in libraries}
-    numpy: Any = np.show_config(mode="dicts")
-    return ", ".join([*numpy["SIMD Extensions"]["found"], *sorted(blas)])
-
-
-@cache
-def _git_commit() -> str:
-    """The commit of the checkout this package runs from; empty outside one."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        return ""

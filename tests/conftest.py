@@ -1,3 +1,5 @@
+import sys
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -6,10 +8,16 @@ from hypothesis import settings
 from scipy.optimize import nnls
 from threadpoolctl import threadpool_limits
 
+from heli_twin.studies.study import Study, study_of
+
+pytest_plugins = ["plausible_flight"]
+
 settings.register_profile("ci", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("ci")
 # Matrices of this size are slower on many threads, and tests share the machine.
 threadpool_limits(1)
+# Worker processes load what they run by its name.
+sys.path.insert(0, str(Path(__file__).parent))
 
 
 class QpSolver(Protocol):
@@ -39,3 +47,17 @@ def minimiser() -> QpSolver:
         return np.linalg.solve(L.T, -r[:-1] / r[-1] - middle)
 
     return minimiser
+
+
+@pytest.fixture(scope="session")
+def small() -> Study:
+    """Six flights of a moment each, of the ideal helicopter with a gust."""
+    return study_of(
+        {
+            "name": "small",
+            "base": {"preset": "ideal", "duration": 2.6, "disturbances": {"gust": "on"}},
+            "axes": {"disturbances.gust.strength": [0.1, 0.3, 0.5]},
+            "replicates": 2,
+            "logs": {"worst": 1, "sampled": 0},
+        }
+    )

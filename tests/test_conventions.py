@@ -10,21 +10,11 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("controllers", "heli_twin")
 
-DOORS = {
-    "mujoco": {"heli_twin/plant/mujoco.py"},
-    "proxsuite": {"controllers/proxqp.py"},
-    "pydantic": {"heli_twin/specs.py"},
-    "mcap": {"heli_twin/recording/mcap_stream.py", "heli_twin/recording/reader.py", "heli_twin/recording/recover.py"},
-    "distributed": {"heli_twin/studies/dask_cluster.py"},
-    "pebble": {"heli_twin/studies/pebble_pool.py"},
-}
-"""Heavy libraries, and the only files that may know them: a test or a swap touches one place."""
-
 
 def run(*command: str, code: str = "") -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "NO_COLOR": "1"}
     words = [sys.executable, "-c", code] if code else [str(Path(sys.executable).parent / command[0]), *command[1:]]
-    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, env=environment, timeout=300, check=False)
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, env=environment, check=False)
 
 
 @pytest.mark.parametrize(
@@ -53,23 +43,6 @@ def imported(file: str) -> Iterator[str]:
             yield from (alias.name.partition(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level:
             yield (node.module or "").partition(".")[0]
-
-
-@pytest.mark.parametrize("library", DOORS)
-def test_every_heavy_library_has_one_door(library):
-    users = {file for file in modules() if library in imported(file)}
-    assert users <= DOORS[library]
-    assert users, f"nothing imports {library} any more: take its door out of this list"
-
-
-RECORDER = ("log", "mcap_stream", "packing", "reader", "recover", "schema", "viewers", "writer", "__init__")
-
-
-def test_rerun_stays_in_the_viewer_bridge():
-    users = {file for file in modules() if "rerun" in imported(file)}
-    assert users
-    assert all(file.startswith("heli_twin/recording/") for file in users)
-    assert not users & {f"heli_twin/recording/{name}.py" for name in RECORDER}
 
 
 def test_the_ground_station_imports_numpy_proxsuite_and_itself():

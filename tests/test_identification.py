@@ -10,14 +10,14 @@ from controllers.trajectories.circle import Circle
 from controllers.trajectories.doublets import Doublets
 from controllers.trajectories.hover import Hover
 from heli_twin.cli import main
-from heli_twin.configuration import load
+from heli_twin.experiment.text import load
 from heli_twin.identification.data import GAP, stretches
 from heli_twin.identification.figure import residual_figures
 from heli_twin.identification.fit import MEMORY, IdentificationError, half_widths
 from heli_twin.identification.flights import HEIGHT_AND_YAW, PLANE, experiments, fly_them
 from heli_twin.identification.identify import identify
 from heli_twin.mission import fly
-from heli_twin.studies.report.drawing import write_svg
+from heli_twin.reporting.svg import write_svg
 
 MODEL = Model()
 OTHER = Model(b_x=3.1, k_x=-0.2, b_y=1.4, k_y=-0.9, b_z=14.0, b_yaw=60.0, k_yaw=-2.0)

@@ -16,10 +16,10 @@ from heli_twin import HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.commands.info import LONGEST, about, plain
 from heli_twin.commands.recover import lost, saved
-from heli_twin.metrics import metrics
+from heli_twin.exchange.arrow_tables import TOPICS, table, tables
+from heli_twin.logbook import opened
+from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log, recover
-from heli_twin.refly import opened
-from heli_twin.tables import TOPICS, table, tables
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_info_prints_for_a_person(path: Path, capsys: pytest.CaptureFixture[str]
 def test_an_ending_that_is_no_time_is_refused(log: Log, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for time in ("soon", "9" * 30, "-1", "\u0663"):
         forged = replace(log, ending={**log.ending, "time": time})
-        monkeypatch.setattr("heli_twin.refly.read_log", lambda source, forged=forged: forged)
+        monkeypatch.setattr("heli_twin.logbook.read_log", lambda source, forged=forged: forged)
         with pytest.raises(HeliTwinError, match="no time"):
             opened(path)
 

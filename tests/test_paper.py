@@ -11,8 +11,8 @@ import pytest
 from controllers.laws.ltv_mpc import LtvMpc
 from controllers.laws.pid import Pid
 from controllers.model import Model
-from heli_twin.configuration import load
 from heli_twin.errors import HeliTwinError
+from heli_twin.experiment.text import load
 from heli_twin.identification.fit import AxisFit, Parameter
 from heli_twin.identification.identify import Identified
 from heli_twin.paper.causes import causes
@@ -24,8 +24,8 @@ from heli_twin.paper.page import flown_table
 from heli_twin.paper.verdicts import all_of, apart, below, exact, explains, smaller, within
 from heli_twin.paper.write import write_paper
 from heli_twin.recording.log import Timings
-from heli_twin.studies.inference import Interval
-from heli_twin.studies.report.drawing import write_svg
+from heli_twin.reporting.intervals import Interval
+from heli_twin.reporting.svg import write_svg
 
 NO, YES, NEITHER = "not reproduced", "reproduced", "not comparable"
 UNKNOWN = Interval(1.0, np.nan, np.nan, 1)

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Unit, doc
 
-from controllers.clock import smooth_start
 from controllers.flatness import FlatOutput
+from controllers.pace import smooth_start
 from controllers.signals import Array
 
 

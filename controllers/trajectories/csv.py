@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, MaxLen, MinLen, Unit, doc
 
-from controllers.clock import paced, smooth_ride
 from controllers.flatness import FlatOutput
 from controllers.markers import Rows
+from controllers.pace import paced, smooth_ride
 from controllers.signals import Array
 from controllers.splines import knot_motion, quintic
 

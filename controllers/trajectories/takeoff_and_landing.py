@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Gt, Unit, doc
 
-from controllers.clock import paced, ride_duration, smooth_ride
 from controllers.flatness import FlatOutput
 from controllers.markers import OneOf
 from controllers.model import Model
+from controllers.pace import paced, ride_duration, smooth_ride
 from controllers.signals import Array
 from controllers.splines import quintic
 from controllers.trajectories import Trajectory, fitted

@@ -23,8 +23,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Write them."""
+    from heli_twin.exchange.arrow_tables import write_parquet
     from heli_twin.recording import read_log
-    from heli_twin.tables import write_parquet
 
     for path, rows in write_parquet(read_log(parsed.log), parsed.parquet):
         print(f"{path}: {rows} rows")

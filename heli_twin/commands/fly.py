@@ -42,7 +42,7 @@ def run(parsed: Namespace) -> int:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from heli_twin.configuration import load
+    from heli_twin.experiment.text import load
     from heli_twin.mission import fly
 
     quiet()

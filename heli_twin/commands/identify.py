@@ -67,7 +67,7 @@ def _flown(words: list[str], folder: Path) -> list[Path]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from heli_twin.configuration import load
+    from heli_twin.experiment.text import load
     from heli_twin.identification.flights import experiments, fly_them
 
     source = words[0] if words and "=" not in words[0] else None
@@ -93,7 +93,7 @@ def _save(found: "Identified", out: Path | None, model: Path | None) -> list[Pat
             saved.append(path)
         if out:
             from heli_twin.identification.figure import residual_figures
-            from heli_twin.studies.report.drawing import write_svg
+            from heli_twin.reporting.svg import write_svg
 
             for figure in residual_figures(found):
                 write_svg(figure, out / f"{figure.name}.svg")

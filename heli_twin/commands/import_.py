@@ -38,8 +38,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Import it."""
-    from heli_twin.import_poses import import_poses
-    from heli_twin.pose_csv import parse_map
+    from heli_twin.exchange.import_poses import import_poses
+    from heli_twin.exchange.pose_csv import parse_map
 
     out = parsed.out or parsed.poses.with_suffix(".mcap")
     found = import_poses(parsed.poses, parse_map(parsed.map), out, parsed.overrides)

@@ -32,7 +32,7 @@ def run(parsed: Namespace) -> int:
     """Print it."""
     import numpy as np
 
-    from heli_twin.refly import opened
+    from heli_twin.logbook import opened
 
     with np.errstate(all="ignore"):
         found = about(opened(parsed.log))
@@ -48,10 +48,10 @@ def about(log: "Log") -> dict[str, Any]:
     """Everything that `info` tells of a log, ready for JSON."""
     import shlex
 
-    from heli_twin.metrics import metrics
-    from heli_twin.refly import flown_experiment
-    from heli_twin.specs import ExperimentError, canonical_json
-    from heli_twin.studies.reproduce import fly_command
+    from heli_twin.experiment.differences import fly_command
+    from heli_twin.experiment.tree import ExperimentError, canonical_json
+    from heli_twin.logbook import flown_experiment
+    from heli_twin.metrics.tracking import metrics
 
     experiment = words = problem = None
     try:

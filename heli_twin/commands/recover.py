@@ -29,8 +29,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Recover it."""
+    from heli_twin.logbook import opened
     from heli_twin.recording import recover
-    from heli_twin.refly import opened
 
     path = recover(parsed.log)
     log = opened(path)
@@ -46,8 +46,8 @@ def saved(log: "Log") -> str:
 
 def lost(log: "Log") -> str:
     """What a recovered log lacks, one sentence."""
-    from heli_twin.refly import flown_experiment
-    from heli_twin.specs import ExperimentError
+    from heli_twin.experiment.tree import ExperimentError
+    from heli_twin.logbook import flown_experiment
 
     missing = [f"{1e-9 * (b - a):.2f} s from {1e-9 * a:.2f} s on" for a, b in _gaps(log)]
     try:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from heli_twin.commands import command
 
 if TYPE_CHECKING:
+    from heli_twin.reanalysis.reestimate import Consistency, Reestimation
     from heli_twin.recording import Log
     from heli_twin.recording.log import Estimates
-    from heli_twin.reestimate import Consistency, Reestimation
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -39,8 +39,8 @@ def run(parsed: Namespace) -> int:
     """Run it again; the exit code is 1 when an unchanged estimator says something else."""
     import numpy as np
 
-    from heli_twin.reestimate import TOLERANCE, largest_difference, reestimate, same_bits
-    from heli_twin.refly import flown_experiment, opened
+    from heli_twin.logbook import flown_experiment, opened
+    from heli_twin.reanalysis.reestimate import TOLERANCE, largest_difference, reestimate, same_bits
 
     log = opened(parsed.log)
     again = reestimate(log, parsed.overrides)
@@ -84,7 +84,7 @@ def _size(estimates: "Estimates", log: "Log") -> tuple[list[str], list[str]]:
     """Root mean square and largest error of each state, as text."""
     import numpy as np
 
-    from heli_twin.reestimate import error
+    from heli_twin.reanalysis.reestimate import error
 
     _, errors = error(estimates, log.truth)
     if not len(errors):
@@ -97,7 +97,7 @@ def _size(estimates: "Estimates", log: "Log") -> tuple[list[str], list[str]]:
 
 def show_consistency(log: "Log", again: "Reestimation") -> None:
     """Print whether the estimator knows its error."""
-    from heli_twin.reestimate import Consistency
+    from heli_twin.reanalysis.reestimate import Consistency
 
     _line("NEES, position and velocity", again.nees(log.truth))
     _line("NIS, poses", again.nis())
@@ -109,7 +109,7 @@ def show_consistency(log: "Log", again: "Reestimation") -> None:
 
 
 def _line(name: str, found: "Consistency") -> None:
-    from heli_twin.reestimate import CHI2_95
+    from heli_twin.reanalysis.reestimate import CHI2_95
 
     if not len(found.values):
         print(f"{name + ':':<30} unknown")

@@ -10,7 +10,7 @@ from heli_twin.commands import command
 from heli_twin.commands.info import plain
 
 if TYPE_CHECKING:
-    from heli_twin.refly import Refly
+    from heli_twin.reanalysis.refly import Refly
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -42,8 +42,9 @@ def run(parsed: Namespace) -> int:
     from rich.console import Console
     from rich.progress import Progress
 
-    from heli_twin.configuration import changed
-    from heli_twin.refly import flown_experiment, opened, refly
+    from heli_twin.experiment.text import changed
+    from heli_twin.logbook import flown_experiment, opened
+    from heli_twin.reanalysis.refly import refly
 
     log = opened(parsed.log)
     flown = flown_experiment(log)
@@ -64,7 +65,8 @@ def run(parsed: Namespace) -> int:
 
 def judge(again: "Refly") -> None:
     """Print whether the second flight is the first."""
-    from heli_twin.refly import HEADING, POSITION, is_recovered
+    from heli_twin.logbook import is_recovered
+    from heli_twin.reanalysis.refly import HEADING, POSITION
 
     log, result = again.logged, again.result
     if again.difference is None:
@@ -101,7 +103,7 @@ def compare(again: "Refly") -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from heli_twin.metrics import metrics
+    from heli_twin.metrics.tracking import metrics
 
     table = Table(title=Text(f"with {' '.join(again.overrides)}"), title_justify="left")
     for column in ("", "logged", "flown again", "difference"):

@@ -33,7 +33,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 def run(parsed: Namespace) -> int:
     """Show it."""
     quiet()
-    from heli_twin.pictures import flights, sink
+    from heli_twin.viewing.show import flights, sink
 
     where = parsed.save or ("connect" if parsed.connect else "spawn")
     flights([path for path in (parsed.log, parsed.other) if path]).show(sink(where))

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from heli_twin.commands import command
 
 if TYPE_CHECKING:
+    from heli_twin.reanalysis.resolve import Resolution
     from heli_twin.recording import Log
-    from heli_twin.resolve import Resolution
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -37,8 +37,8 @@ def run(parsed: Namespace) -> int:
     """Solve again; the exit code is 1 when unchanged problems have other answers."""
     import numpy as np
 
-    from heli_twin.refly import ORIGIN, flown_experiment, opened
-    from heli_twin.resolve import TOLERANCE, resolve, write
+    from heli_twin.logbook import ORIGIN, flown_experiment, opened
+    from heli_twin.reanalysis.resolve import TOLERANCE, resolve, write
 
     log = opened(parsed.log)
     resolution = resolve(log, parsed.overrides)
@@ -95,7 +95,7 @@ def _solver(log: "Log", resolution: "Resolution") -> None:
 
     import numpy as np
 
-    from heli_twin.metrics import milliseconds
+    from heli_twin.metrics.tracking import milliseconds
 
     reports = [answer.qp.status for answer in resolution.commands if answer.qp]
     for name, statuses, ns in (

@@ -20,8 +20,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Print it."""
-    from heli_twin.configuration import load
-    from heli_twin.specs import toml_of
+    from heli_twin.experiment.text import load
+    from heli_twin.experiment.tree import toml_of
 
     source, overrides = experiment_arguments(parsed)
     print(toml_of(load(source, overrides)), end="")

@@ -37,7 +37,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 def run(parsed: Namespace) -> int:
     """Write it."""
     quiet()
-    from heli_twin.pictures import flights, snapshot
+    from heli_twin.viewing.show import flights, snapshot
 
     if not parsed.picture.parent.is_dir():
         raise HeliTwinError(f"cannot write {parsed.picture}: there is no folder {parsed.picture.parent}")

@@ -11,9 +11,9 @@ from heli_twin.commands import command
 
 if TYPE_CHECKING:
     from heli_twin.studies.campaign import Progress as Count
-    from heli_twin.studies.engine import Backend
     from heli_twin.studies.plan import Plan
     from heli_twin.studies.study import Study
+    from heli_twin.workers.engine import Backend
 
 STUDIES = Path("logs/studies")
 """Where results go by default, one folder a study."""
@@ -115,7 +115,7 @@ def _backend(parsed: Namespace) -> "Callable[[Plan, float], Backend]":
     if not parsed.scheduler:
         return here
     try:
-        from heli_twin.studies.dask_cluster import DaskCluster
+        from heli_twin.workers.dask_cluster import DaskCluster
     except ImportError:
         raise StudyError("--scheduler needs Dask: pip install 'heli-twin[cluster]'") from None
 
@@ -234,8 +234,8 @@ def worst(parsed: Namespace) -> int:
 def refly(parsed: Namespace) -> int:
     """Fly one run again and keep its log in the study's folder."""
     from heli_twin.commands.fly import show
+    from heli_twin.experiment.tree import from_json
     from heli_twin.mission import fly
-    from heli_twin.specs import from_json
     from heli_twin.studies.worst import experiment_by_id
 
     folder = folder_of(parsed.study)

@@ -64,8 +64,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Survey and print; the exit code is 1 where an asked-for trajectory cannot be flown."""
-    from heli_twin.configuration import load
-    from heli_twin.families import members
+    from heli_twin.experiment.families import members
+    from heli_twin.experiment.text import load
 
     source, overrides = experiment_arguments(parsed)
     experiment = load(source, overrides)
@@ -83,7 +83,7 @@ def run(parsed: Namespace) -> int:
 
 def tree_kind(experiment: "Experiment") -> str:
     """The `kind` of an experiment's trajectory."""
-    from heli_twin.specs import tree_of
+    from heli_twin.experiment.tree import tree_of
 
     return str(tree_of(experiment)["trajectory"]["kind"])
 

@@ -13,7 +13,7 @@ from heli_twin.errors import HeliTwinError
 
 if TYPE_CHECKING:
     from heli_twin.experiment import Experiment
-    from heli_twin.tuning import Tuned
+    from heli_twin.tuning.search import Tuned
 
 KINDS = {"pid": "pid", "mpc": "ltv_mpc"}
 
@@ -45,8 +45,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Tune, print, save."""
-    from heli_twin.configuration import load
-    from heli_twin.tuning import BUDGET
+    from heli_twin.experiment.text import load
+    from heli_twin.tuning.search import BUDGET
 
     budget = BUDGET if parsed.budget is None else parsed.budget
     if budget < 1:
@@ -74,10 +74,10 @@ def _tuned(base: "Experiment", budget: int) -> "Tuned":
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from controllers.laws.pid import Pid
-    from heli_twin.fleet import fleet
-    from heli_twin.metrics import AXES
-    from heli_twin.tuning import tune
-    from heli_twin.ultimate_gain import find_ultimate
+    from heli_twin.metrics.tracking import AXES
+    from heli_twin.tuning.search import tune
+    from heli_twin.tuning.ultimate_gain import find_ultimate
+    from heli_twin.workers.fleet import fleet
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed} of {task.total}"))
     shown = sys.stderr.isatty()
@@ -100,7 +100,7 @@ def toml(found: "Tuned", said: str) -> str:
         found: What was tuned.
         said: The command that tunes it again.
     """
-    from heli_twin.studies.tuning_record import comment
+    from heli_twin.tuning.record import comment
 
     lines = [f"{name} = {json.dumps(value)}" for name, value in found.table().items()]
     return "\n".join([comment({"command": said} | found.record()), "", "[controller]", *lines, ""])

@@ -7,7 +7,7 @@ from controllers.signals import Array
 from heli_twin.identification.data import ROW
 from heli_twin.identification.fit import MEMORY, AxisFit
 from heli_twin.identification.identify import Identified
-from heli_twin.studies.report.figure import Curve, Figure, Panel
+from heli_twin.reporting.figure import Curve, Figure, Panel
 
 SHOWN = 25.0
 """Length of the piece of flight that is drawn, s."""

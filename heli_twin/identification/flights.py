@@ -7,8 +7,8 @@ from pathlib import Path
 
 from controllers.trajectories.doublets import Doublets
 from heli_twin.experiment import Experiment
-from heli_twin.fleet import fleet
 from heli_twin.identification.fit import IdentificationError
+from heli_twin.workers.fleet import fleet
 
 PLANE, HEIGHT_AND_YAW = 6, 2
 """How many flights of each kind."""

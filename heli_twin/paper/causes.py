@@ -8,8 +8,8 @@ from heli_twin.paper.claims import CM, largest
 from heli_twin.paper.comparison import DEGREES
 from heli_twin.paper.flights import WEAK, Flights, weak
 from heli_twin.paper.verdicts import explains
-from heli_twin.studies.report.figure import Table
-from heli_twin.studies.report.words import number
+from heli_twin.reporting.figure import Table
+from heli_twin.reporting.words import number
 
 
 def causes(flights: Flights) -> Table:

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from controllers.model import Model
-from heli_twin.disturbances.bias import Bias
 from heli_twin.identification.fit import Parameter
 from heli_twin.identification.identify import Identified
-from heli_twin.metrics import milliseconds
+from heli_twin.lab.disturbances.bias import Bias
+from heli_twin.metrics.tracking import milliseconds
 from heli_twin.paper.comparison import DEGREES, comparison, judged
 from heli_twin.paper.flights import CASES, Flights
 from heli_twin.paper.verdicts import (
@@ -28,8 +28,8 @@ from heli_twin.paper.verdicts import (
     within,
 )
 from heli_twin.recording.log import Timings
-from heli_twin.studies.inference import Interval, mean_interval, median_interval, wilson
-from heli_twin.studies.report.words import interval, number, percent
+from heli_twin.reporting.intervals import Interval, mean_interval, median_interval, wilson
+from heli_twin.reporting.words import interval, number, percent
 
 CM = 100.0
 SIMULATED_CIRCLE = (0.025, 0.025)

@@ -10,8 +10,8 @@ import numpy as np
 from heli_twin.paper.flights import CASES, WEAK, Flights, weak
 from heli_twin.paper.gains import gains_of
 from heli_twin.paper.verdicts import LITTLE, Claim, all_of, below, in_words, smaller
-from heli_twin.studies.inference import mean_interval
-from heli_twin.studies.report.words import interval, metric, number
+from heli_twin.reporting.intervals import mean_interval
+from heli_twin.reporting.words import interval, metric, number
 
 DEGREES = 180.0 / np.pi
 HEADING_PAYS = (

@@ -5,14 +5,14 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.signals import Array
-from heli_twin.metrics import tracking_error
+from heli_twin.metrics.tracking import tracking_error
 from heli_twin.paper.claims import CM, SOLVE_MS
 from heli_twin.paper.comparison import DEGREES
 from heli_twin.paper.flights import CASES, Flights
 from heli_twin.recording import Log
 from heli_twin.recording.log import Timings
-from heli_twin.studies.report.figure import Curve, Figure, Panel
-from heli_twin.studies.report.words import number
+from heli_twin.reporting.figure import Curve, Figure, Panel
+from heli_twin.reporting.words import number
 
 EVERY = 2
 """Control steps between two points of a curve: 40 ms, which no eye can tell."""

@@ -9,9 +9,9 @@ from heli_twin.paper.claims import CM
 from heli_twin.paper.comparison import DEGREES
 from heli_twin.paper.curves import TIME, Shown, circle_figure, error_of, hover_figure, others_figure
 from heli_twin.paper.flights import CASES, WEAK, Flights, weak
-from heli_twin.studies.inference import mean_interval
-from heli_twin.studies.report.figure import Curve, Dots, Figure, Panel
-from heli_twin.studies.report.words import metric, number
+from heli_twin.reporting.figure import Curve, Dots, Figure, Panel
+from heli_twin.reporting.intervals import mean_interval
+from heli_twin.reporting.words import metric, number
 
 
 def figures(flights: Flights) -> Iterator[Shown]:

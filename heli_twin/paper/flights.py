@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.signals import Array
-from heli_twin.configuration import load
 from heli_twin.experiment import Experiment
-from heli_twin.metrics import SETTLING
-from heli_twin.plant.mujoco import MuJoCo
+from heli_twin.experiment.text import load
+from heli_twin.experiment.tree import canonical_json
+from heli_twin.lab.plant.mujoco import MuJoCo
+from heli_twin.metrics.tracking import SETTLING
 from heli_twin.recording import Log, read_log
-from heli_twin.specs import canonical_json
 from heli_twin.studies.columns import COMPLETED
-from heli_twin.studies.work import Flown, Task
+from heli_twin.workers.task import Flown, Task
 
 Row = Mapping[str, Any]
 
@@ -153,10 +153,10 @@ def fly_all(folder: Path, flights: Sequence[Task], progress: Callable[[], None] 
     Returns:
         The row of each flight, by the id of its task. One whose process died is a failed flight.
     """
-    from heli_twin.fleet import stoppable
-    from heli_twin.studies.campaign import write_whole
-    from heli_twin.studies.engine import Trouble, flown
-    from heli_twin.studies.pebble_pool import PebblePool
+    from heli_twin.whole_file import write_whole
+    from heli_twin.workers.engine import Trouble, flown
+    from heli_twin.workers.fleet import stoppable
+    from heli_twin.workers.pebble_pool import PebblePool
 
     rows: dict[str, Row] = {}
     with stoppable(), PebblePool() as pool:
@@ -173,8 +173,8 @@ def fly_all(folder: Path, flights: Sequence[Task], progress: Callable[[], None] 
 
 def fly_task(task: Task) -> Flown:
     """What a worker does: one flight, its metrics and its yaw activity."""
+    from heli_twin.experiment.tree import from_json
     from heli_twin.mission import fly
-    from heli_twin.specs import from_json
     from heli_twin.studies.columns import columns
 
     experiment = from_json(task.experiment)

@@ -6,11 +6,10 @@ import numpy as np
 
 from controllers.laws import ControlLaw
 from controllers.reference import ReferencePreview
-from controllers.signals import Array, Estimate
+from controllers.signals import Array, Estimate, nanoseconds
 from controllers.trajectories.hover import Hover
-from heli_twin.chance import nanoseconds
 from heli_twin.paper.flights import CASES
-from heli_twin.studies.report.figure import Table
+from heli_twin.reporting.figure import Table
 
 NUDGE = 1e-3
 """m, rad, m/s and rad/s: small enough that no limit binds."""

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from controllers.signals import Array
-from heli_twin.studies.inference import Interval, paired_interval
+from heli_twin.reporting.intervals import Interval, paired_interval
 
 Verdict = Literal["reproduced", "not reproduced", "not comparable"]
 

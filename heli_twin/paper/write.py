@@ -14,11 +14,12 @@ from heli_twin.paper.curves import Shown, times_figure
 from heli_twin.paper.figures import figures
 from heli_twin.paper.flights import CASES, Flights, fly_all, identification_tasks, tasks
 from heli_twin.paper.gains import gains_table
-from heli_twin.paper.page import Section, claims_section, figure_section, flown_table, page, table_section
+from heli_twin.paper.page import STYLE, claims_section, figure_section, flown_table
 from heli_twin.paper.verdicts import Claim
 from heli_twin.recording import read_log
 from heli_twin.recording.log import Timings
-from heli_twin.studies.report.figure import Figure, Table
+from heli_twin.reporting.figure import Figure, Table
+from heli_twin.reporting.html_page import Section, html_page, table_section
 
 SEEDS = 7
 """Flights of each case: as many as two cores fly within three minutes, odd for the sake of the medians."""
@@ -59,12 +60,14 @@ def write_paper(
         timing, processor = _timing(duration)
         sections = _sections(flights, found, judged, seeds, duration)
         measured = _measured(out, timing, processor)
-        (out / "paper.html").write_text(page(QUESTION, [*sections, *measured]), encoding="utf-8")
+        text = html_page(TITLE, QUESTION, [*sections, *measured], style=STYLE)
+        (out / "paper.html").write_text(text, encoding="utf-8")
     except OSError as error:
         raise HeliTwinError(f"cannot write {error.filename or out}: {error.strerror}") from None
     return [*judged, *timing_claims(timing, processor)]
 
 
+TITLE = "Fast Model Predictive Control of Miniature Helicopters, reproduced"
 QUESTION = (
     "What Kunz, Huck and Summers (ECC 2013) flew with a Blade mCX2, flown again with its digital twin: claim by claim, "
     "with the same seeds for every controller."
@@ -121,7 +124,7 @@ def _figure(flights: Flights, shown: Shown) -> Section:
 
 
 def _drawn(out: Path, figure: Figure) -> Path:
-    from heli_twin.studies.report.drawing import write_svg
+    from heli_twin.reporting.svg import write_svg
 
     path = out / f"{figure.name}.svg"
     write_svg(figure, path)

@@ -21,7 +21,7 @@ Times = NDArray[np.int64]
 
 
 class Truths(NamedTuple):
-    """`/truth`: see heli_twin.plant.Truth."""
+    """`/truth`: see heli_twin.lab.plant.Truth."""
 
     time: Times
     stamp: Times
@@ -111,7 +111,7 @@ class QpReports(NamedTuple):
 
 
 class Airs(NamedTuple):
-    """`/disturbance`: see heli_twin.plant.Air."""
+    """`/disturbance`: see heli_twin.lab.plant.Air."""
 
     time: Times
     wind: Array

@@ -11,9 +11,10 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
 
 from controllers.signals import Array, Command, Estimate, Plan, Pose, QpReport, Reference
-from heli_twin.plant import Air, Truth
+from heli_twin.lab.plant import Air, Truth
+from heli_twin.recording.derived_topics import Timed, Viewers, timestamp
+from heli_twin.recording.growing_file import LogFile
 from heli_twin.recording.log import Attachment, Log
-from heli_twin.recording.log_file import LogFile
 from heli_twin.recording.mcap_stream import McapStream
 from heli_twin.recording.reader import read_log
 from heli_twin.recording.schema import (
@@ -31,7 +32,6 @@ from heli_twin.recording.schema import (
     proto,
     sealed,
 )
-from heli_twin.recording.viewers import Timed, Viewers, timestamp
 
 FLUSH_PERIOD = 500_000_000
 """Simulated ns between two writes to the file: what a crash can lose."""

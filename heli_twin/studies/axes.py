@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from statistics import NormalDist
 from typing import Any, Literal, Protocol
 
-from heli_twin.families import members
+from heli_twin.experiment.families import members
 from heli_twin.studies.errors import StudyError
 
 LOW, HIGH = 0.05, 0.95

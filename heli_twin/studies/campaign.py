@@ -12,14 +12,16 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from heli_twin.fleet import stoppable
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Point, Row
-from heli_twin.studies.engine import Backend, Done, Trouble, Work, flown
 from heli_twin.studies.plan import Plan, Run, plan_of
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_tree
-from heli_twin.studies.work import Task, fly_task
+from heli_twin.studies.work import fly_task
+from heli_twin.whole_file import write_whole
+from heli_twin.workers.engine import Backend, Done, Trouble, Work, flown
+from heli_twin.workers.fleet import stoppable
+from heli_twin.workers.task import Task
 
 CHUNK = 256
 """Runs looked up and written down at a time."""
@@ -82,7 +84,7 @@ def run_study(
 
 def embedded(plan: Plan, timeout: float, processes: int | None = None) -> Backend:
     """All cores of this machine, or so many."""
-    from heli_twin.studies.pebble_pool import PebblePool
+    from heli_twin.workers.pebble_pool import PebblePool
 
     return PebblePool(processes, timeout)
 
@@ -112,7 +114,7 @@ class Campaign:
 
     def about(self) -> dict[str, Any]:
         """What the report says of the study as a whole."""
-        from heli_twin.mission import provenance
+        from heli_twin.logbook import provenance
 
         facts = {f"with.{key}": value for key, value in provenance().items()}
         return facts | {
@@ -227,11 +229,3 @@ class Campaign:
         for path in (self.out / "logs").glob("*.mcap"):
             if path.stem not in keep:
                 path.unlink()
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file that is either not there or whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
-    part.replace(path)

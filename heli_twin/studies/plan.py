@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from heli_twin.configuration import load
 from heli_twin.experiment import Experiment
-from heli_twin.families import OneOf
-from heli_twin.specs import canonical_json, experiment_of, parts
+from heli_twin.experiment.families import OneOf
+from heli_twin.experiment.text import load
+from heli_twin.experiment.tree import canonical_json, experiment_of, parts
 from heli_twin.studies.axes import axis_of
 from heli_twin.studies.columns import check_metrics
 from heli_twin.studies.designs import Batches, Point

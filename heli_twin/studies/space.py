@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from heli_twin.configuration import put
-from heli_twin.specs import Tree
+from heli_twin.experiment.text import put
+from heli_twin.experiment.tree import Tree
 from heli_twin.studies.axes import Axis
 
 

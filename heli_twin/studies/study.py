@@ -10,12 +10,12 @@ from typing import Annotated, Any
 
 from annotated_types import Ge, Gt, Le, MinLen, doc
 
-from heli_twin.families import OneOf, members
-from heli_twin.specs import ExperimentError, spec_of
+from heli_twin.experiment.families import OneOf, members
+from heli_twin.experiment.tree import ExperimentError, spec_of
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.tuning_record import uncommented
+from heli_twin.tuning.record import uncommented
 
 Table = dict[str, Any]
 

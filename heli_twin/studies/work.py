@@ -3,39 +3,19 @@
 import socket
 from io import BytesIO
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
+
+from heli_twin.workers.task import Flown, Task
 
 WIRES = ("/truth", "/reference", "/command/sent", "/mpc/qp", "/timing")
 """What the columns of a row are computed from; the rest of a log is not decoded."""
 
 
-class Task(NamedTuple):
-    """One run to fly."""
-
-    id: str
-    experiment: str
-    """Canonical JSON."""
-    score: str
-    keep_log: bool
-    """Whatever comes of it."""
-    keep_failed: bool
-    keep_above: float | None
-    """If it completes with a greater score; None: not for its score."""
-
-
-class Flown(NamedTuple):
-    """What came of it."""
-
-    row: dict[str, Any]
-    log: bytes | None = None
-    """Its MCAP, if it is to be kept."""
-
-
 def fly_task(task: Task) -> Flown:
     """Fly a run; a flight that went wrong is a row like any other."""
+    from heli_twin.experiment.tree import ExperimentError, from_json
     from heli_twin.mission import fly
     from heli_twin.recording import read_log
-    from heli_twin.specs import ExperimentError, from_json
     from heli_twin.studies.columns import COMPLETED, columns
 
     began = perf_counter()

@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from heli_twin.specs import canonical_json, experiment_of
+from heli_twin.experiment.differences import fly_command
+from heli_twin.experiment.tree import canonical_json, experiment_of
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.reproduce import fly_command
 from heli_twin.studies.space import varied
 from heli_twin.studies.store import Store
 

@@ -10,8 +10,8 @@ from controllers.model import Model, advance
 from controllers.signals import Estimate, Reference
 from controllers.trajectories.circle import Circle
 from controllers.trajectories.hover import Hover
-from heli_twin.configuration import load
-from heli_twin.metrics import metrics
+from heli_twin.experiment.text import load
+from heli_twin.metrics.tracking import metrics
 from heli_twin.mission import fly
 
 MODEL = Model()

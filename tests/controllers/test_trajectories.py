@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.clock import ride_duration, smooth_ride, smooth_start
 from controllers.flatness import feed_forward, state
 from controllers.model import Model, rates
+from controllers.pace import ride_duration, smooth_ride, smooth_start
 from controllers.reference import check_feasible
 from controllers.trajectories import fitted
 from controllers.trajectories.circle import Circle
@@ -20,10 +20,10 @@ from controllers.trajectories.pirouette import Pirouette
 from controllers.trajectories.pirouette_circle import PirouetteCircle
 from controllers.trajectories.takeoff_and_landing import TakeoffAndLanding
 from controllers.trajectories.waypoints import Waypoints
-from heli_twin.configuration import load
-from heli_twin.families import members
+from heli_twin.experiment.families import members
+from heli_twin.experiment.text import load
+from heli_twin.experiment.tree import ExperimentError, canonical_json, from_json, toml_of
 from heli_twin.mission import fly
-from heli_twin.specs import ExperimentError, canonical_json, from_json, toml_of
 
 KINDS = members("controllers.trajectories")
 MODEL = Model()

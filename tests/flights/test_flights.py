@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from heli_twin import Experiment, flight, fly, load, read_log
-from heli_twin.chance import generator
+from heli_twin.experiment.tree import ExperimentError, from_json
 from heli_twin.flight import Flight
-from heli_twin.metrics import SETTLING, tracking_error
+from heli_twin.lab.chance import generator
+from heli_twin.metrics.tracking import SETTLING, tracking_error
 from heli_twin.mission import Result
 from heli_twin.recording.schema import TIMING, WIRES
-from heli_twin.specs import ExperimentError, from_json
 
 MS = 1_000_000
 ROOT = Path(__file__).parents[2]

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from controllers.signals import NU, NX, Command, Estimate, Plan, Pose, QpReport, Reference
-from heli_twin.plant import Air, Truth
+from heli_twin.lab.plant import Air, Truth
 from heli_twin.recording import Attachment, Event, Log, Recorder
 from heli_twin.recording.schema import QP_STATUS, SEAL, SEVERITY
 

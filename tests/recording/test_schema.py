@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 import heli_twin.recording
 from controllers.signals import Estimate, Plan, Pose, QpReport
-from heli_twin.plant import Air, Truth
+from heli_twin.lab.plant import Air, Truth
 from heli_twin.recording import flight_pb2 as pb
 from heli_twin.recording import log
 from heli_twin.recording.packing import Layout

@@ -19,11 +19,11 @@ from disks import disk_of
 
 from controllers.signals import Pose
 from heli_twin.cli import main
-from heli_twin.configuration import load
+from heli_twin.experiment.text import load
+from heli_twin.experiment.tree import canonical_json
 from heli_twin.mission import Result, fly
 from heli_twin.recording import LogError, Recorder, read_log, recover
 from heli_twin.recording.writer import FLUSH_PERIOD
-from heli_twin.specs import canonical_json
 
 Record = Callable[..., Recorder]
 

@@ -13,16 +13,16 @@ from pathlib import Path
 import hooks
 import pytest
 
-from heli_twin.configuration import load
-from heli_twin.fleet import stoppable
-from heli_twin.specs import canonical_json
+from heli_twin.experiment.differences import fly_command
+from heli_twin.experiment.text import load
+from heli_twin.experiment.tree import canonical_json
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.reproduce import fly_command
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_of, study_tree
 from heli_twin.studies.worst import experiment_by_id, worst_runs
+from heli_twin.workers.fleet import stoppable
 
 
 def two_processes(plan, timeout):
@@ -88,7 +88,7 @@ from heli_twin.paper import flights
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.plan import plan_of
 from heli_twin.studies.study import study_of
-from heli_twin.studies.work import Task
+from heli_twin.workers.task import Task
 
 if __name__ == "__main__":
     folder = Path(sys.argv[2])

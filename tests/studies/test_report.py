@@ -9,10 +9,10 @@ import hooks
 import numpy as np
 import pytest
 
+from heli_twin.reporting.figure import Curve, Figure, Panel, edges
+from heli_twin.reporting.svg import write_svg
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.report import write_report
-from heli_twin.studies.report.drawing import write_svg
-from heli_twin.studies.report.figure import Curve, Figure, Panel, edges
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import study_of
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import doc
 
-from heli_twin.specs import experiment_of
+from heli_twin.experiment.tree import experiment_of
 from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Space, varied

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.studies.report.figure import Curve, Figure, Panel, decades
+from heli_twin.reporting.figure import Curve, Figure, Panel, decades
+from heli_twin.reporting.words import metric, number
 from heli_twin.studies.report.results import TIMES, Results
-from heli_twin.studies.report.words import metric, number
 
 CLOUD = 2000
 """Points of a cloud at most."""

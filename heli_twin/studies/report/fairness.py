@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 
-from heli_twin.specs import experiment_of
+from heli_twin.experiment.tree import experiment_of
+from heli_twin.reporting.figure import Table
 from heli_twin.studies.plan import alternatives_of
-from heli_twin.studies.report.figure import Table
 from heli_twin.studies.report.results import Results
 from heli_twin.studies.space import varied
-from heli_twin.studies.tuning_record import origin
+from heli_twin.tuning.record import origin
 
 KNOWN = (
     "All alternatives fly the same seeds. What a controller knows of the helicopter is its own `controller.model`: "

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.studies.inference import Interval, mean_interval
-from heli_twin.studies.report.figure import Bars, Figure, Panel, Table
+from heli_twin.reporting.figure import Bars, Figure, Panel, Table
+from heli_twin.reporting.intervals import Interval, mean_interval
+from heli_twin.reporting.words import interval, metric, number
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.report.words import interval, metric, number
 
 
 def ladder(results: Results) -> Iterator[Figure | Table]:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_twin.studies.inference import grouped_mean
-from heli_twin.studies.report.figure import FAILURE, Array, Curve, Dots, Figure, Heat, Panel, decades
+from heli_twin.reporting.figure import FAILURE, Array, Curve, Dots, Figure, Heat, Panel, decades
+from heli_twin.reporting.intervals import grouped_mean
+from heli_twin.reporting.words import field, listed, metric, number
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.report.words import field, listed, metric, number
 
 CLOUD = 3000
 """Points of a cloud at most."""

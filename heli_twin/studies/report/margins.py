@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from heli_twin.reporting.figure import Array, Dots, Figure, Panel, Table
+from heli_twin.reporting.intervals import median_interval
+from heli_twin.reporting.words import Scale, field, metric, number
 from heli_twin.studies.axes import Axis, axis_of
 from heli_twin.studies.designs.margin import Margin, bracket
-from heli_twin.studies.inference import median_interval
-from heli_twin.studies.report.figure import Array, Dots, Figure, Panel, Table
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.report.words import Scale, field, metric, number
 
 
 def margins(results: Results) -> Iterator[Figure | Table]:

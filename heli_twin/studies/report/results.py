@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_twin.reporting.figure import Array
 from heli_twin.studies.columns import COMPLETED
-from heli_twin.studies.report.figure import Array
 from heli_twin.studies.results import read_results
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_of

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.studies.report.figure import Array, Curve, Figure, Panel
+from heli_twin.reporting.figure import Array, Curve, Figure, Panel
+from heli_twin.reporting.words import field, metric, number
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.report.words import field, metric, number
 
 
 def search(results: Results) -> Iterator[Figure]:

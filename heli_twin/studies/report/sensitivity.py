@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.studies.inference import Interval, Sensitivity, sobol
-from heli_twin.studies.report.figure import Array, Dots, Figure, Panel
+from heli_twin.reporting.figure import Array, Dots, Figure, Panel
+from heli_twin.reporting.intervals import Interval, Sensitivity, sobol
+from heli_twin.reporting.words import number
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.report.words import number
 
 
 def sensitivity(results: Results) -> Iterator[Figure]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from heli_twin.studies.report.figure import Table
+from heli_twin.reporting.figure import Table
 from heli_twin.studies.report.results import Results
 from heli_twin.studies.worst import worst_runs
 

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.studies.inference import mean_interval
-from heli_twin.studies.report.figure import Bars, Figure, Panel
+from heli_twin.reporting.figure import Bars, Figure, Panel
+from heli_twin.reporting.intervals import mean_interval
+from heli_twin.reporting.words import field, metric, number
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.report.words import field, metric, number
 
 
 def tornado(results: Results) -> Iterator[Figure]:

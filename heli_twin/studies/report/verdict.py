@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.studies.inference import Interval, mean_interval, paired_interval, wilson
-from heli_twin.studies.report.figure import Array, Table
+from heli_twin.reporting.figure import Array, Table
+from heli_twin.reporting.intervals import Interval, mean_interval, paired_interval, wilson
+from heli_twin.reporting.words import interval, listed, metric, percent
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.report.words import interval, listed, metric, percent
 
 
 def verdict(results: Results) -> Iterator[Table]:

@@ -1,0 +1,1 @@
+"""Other people's formats: recordings of poses in, tables out."""

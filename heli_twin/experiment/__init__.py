@@ -1,0 +1,71 @@
+"""An experiment as a value: everything that determines a flight, and nothing else.
+
+The helicopter stands here twice: `plant` is how it is, `controller.model` is what the ground station believes. A
+model mismatch is that they differ. The defaults are the lab with everything realistic.
+"""
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le, Unit, doc
+
+from controllers.estimators import EstimatorSpec
+from controllers.estimators.kalman import Kalman
+from controllers.laws import ControlLaw
+from controllers.laws.ltv_mpc import LtvMpc
+from controllers.trajectories import Trajectory
+from controllers.trajectories.circle import Circle
+from heli_twin.experiment.families import EachOf, OneOf
+from heli_twin.lab.compute import ComputeSpec, Modelled
+from heli_twin.lab.disturbances import DisturbanceSpec
+from heli_twin.lab.disturbances.bias import Bias
+from heli_twin.lab.disturbances.gust import Gust
+from heli_twin.lab.faults import Fault
+from heli_twin.lab.mocap import MocapSpec, Vicon
+from heli_twin.lab.plant import PlantSpec
+from heli_twin.lab.plant.mujoco import MuJoCo
+from heli_twin.lab.radio import Dsm2, RadioSpec
+
+
+@dataclass(frozen=True, slots=True)
+class Volume:
+    """Where the cameras can see; a flight that leaves it is over."""
+
+    half_width: Annotated[float, Gt(0), Unit("m"), doc("greatest distance from the middle, north and west")] = 2.5
+    height: Annotated[float, Gt(0), Unit("m"), doc("ceiling")] = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """One flight, determined. Same experiment, same flight."""
+
+    seed: Annotated[int, Ge(0), Le(2**53), doc("of every random number in the flight")] = 0
+    duration: Annotated[float, Gt(0), Le(36_000), Unit("s"), doc("how long to fly")] = 30.0
+    trajectory: Annotated[Trajectory, OneOf("controllers.trajectories"), doc("the planned flight")] = field(
+        default_factory=Circle
+    )
+    controller: Annotated[ControlLaw, OneOf("controllers.laws"), doc("the control law and what it believes")] = field(
+        default_factory=LtvMpc
+    )
+    estimator: Annotated[EstimatorSpec, OneOf("controllers.estimators"), doc("from poses to states")] = field(
+        default_factory=Kalman
+    )
+    plant: Annotated[PlantSpec, OneOf("heli_twin.lab.plant"), doc("the helicopter as it is")] = field(
+        default_factory=MuJoCo
+    )
+    compute: Annotated[ComputeSpec, OneOf("heli_twin.lab.compute"), doc("time the ground station needs")] = field(
+        default_factory=Modelled
+    )
+    radio: Annotated[RadioSpec, OneOf("heli_twin.lab.radio"), doc("from the ground station to the helicopter")] = field(
+        default_factory=Dsm2
+    )
+    mocap: Annotated[MocapSpec, OneOf("heli_twin.lab.mocap"), doc("from the helicopter to the ground station")] = field(
+        default_factory=Vicon
+    )
+    disturbances: Annotated[
+        tuple[DisturbanceSpec, ...],
+        EachOf("heli_twin.lab.disturbances"),
+        doc("what the surroundings do; `off` leaves one out"),
+    ] = (Bias(), Gust())
+    faults: Annotated[tuple[Fault, ...], EachOf("heli_twin.lab.faults"), doc("what breaks")] = ()
+    volume: Annotated[Volume, doc("where the flight may go")] = field(default_factory=Volume)

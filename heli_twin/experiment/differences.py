@@ -1,0 +1,105 @@
+"""In which fields two experiments differ, and the shortest command that flies one of them."""
+
+import json
+import reprlib
+import shlex
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.text import load, presets
+from heli_twin.experiment.tree import Tree, canonical_json, tree_of
+
+
+class Change(NamedTuple):
+    """A field in which two trees differ."""
+
+    path: str
+    """Dotted path of the field."""
+    before: Any
+    after: Any
+    is_member: bool = False
+    """Whether another member of a family stands there: the values are its kinds, or `on` and `off`."""
+
+
+def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
+    """Every field in which `after` differs from `before`: its overrides, in an order in which they can be applied.
+
+    A part of another kind is told by its kind, and then compared with that kind's defaults.
+
+    Args:
+        before: A tree of plain values.
+        after: Another one.
+        here: Dotted path of both in the experiment, with a dot at its end; empty for whole experiments.
+    """
+    for key, value in after.items():
+        path, old = f"{here}{key}", before.get(key)
+        if not isinstance(value, dict):
+            if value != old:
+                yield Change(path, old, value)
+        elif here in ("disturbances.", "faults.") and old is None:
+            yield Change(path, "off", "on", is_member=True)
+            yield from changes(_defaults(path, "on"), value, f"{path}.")
+        elif value.get("kind") != before[key].get("kind"):
+            yield Change(path, before[key]["kind"], value["kind"], is_member=True)
+            yield from changes(_defaults(path, value["kind"]), value, f"{path}.")
+        else:
+            yield from changes(before[key], value, f"{path}.")
+    for key in before:
+        if key not in after:
+            yield Change(f"{here}{key}", "on", "off", is_member=True)
+
+
+def differences(a: Experiment, b: Experiment) -> list[tuple[str, str, str]]:
+    """Every field in which two experiments differ: its dotted path, and its value in each as text.
+
+    Of a part that is of another kind only the kind is told; its fields have nothing in common.
+    """
+    found: list[tuple[str, str, str]] = []
+    replaced: tuple[str, ...] = ()
+    for path, of_a, of_b, is_member in changes(tree_of(a), tree_of(b)):
+        if path.startswith(replaced):
+            continue
+        if is_member:
+            replaced += (f"{path}.",)
+        text = str if is_member else _short
+        found.append((path, text(of_a), text(of_b)))
+    return found
+
+
+def fly_command(experiment: str) -> str:
+    """The shortest `heli-twin fly` that flies an experiment.
+
+    Args:
+        experiment: Canonical JSON.
+    """
+    tree = json.loads(experiment)
+    commands = [f"heli-twin fly{name}{_words(base, tree)}" for name, base in _bases().items()]
+    return min(commands, key=len)
+
+
+@cache
+def _bases() -> dict[str, Tree]:
+    return {"" if name == "lab" else f" {name}": json.loads(canonical_json(load(name))) for name in presets()}
+
+
+def _words(base: Tree, tree: Tree) -> str:
+    words = [f"{change.path}={_text(change.after)}" for change in changes(base, tree)]
+    return "".join(" " + shlex.quote(word) for word in words)
+
+
+def _defaults(path: str, kind: str) -> Tree:
+    """A part of a kind as `heli-twin fly path=kind` has it."""
+    tree = json.loads(canonical_json(load(None, [f"{path}={kind}"])))
+    for key in path.split("."):
+        tree = tree[key]
+    return tree
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _short(value: Any) -> str:
+    return reprlib.repr(value) if isinstance(value, list) else json.dumps(value)

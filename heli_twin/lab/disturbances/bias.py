@@ -1,0 +1,27 @@
+"""A steady push: the offset of the inputs in Fig. 4."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Unit, doc
+
+from heli_twin.lab.plant import Air, Truth
+
+
+@dataclass(frozen=True, slots=True)
+class Bias:
+    """A constant acceleration, such as a trim that is off or a draught."""
+
+    kind: Literal["bias"] = "bias"
+    x: Annotated[float, Unit("m/s^2"), doc("push to the north")] = 0.1
+    y: Annotated[float, Unit("m/s^2"), doc("push to the west")] = 0.05
+    z: Annotated[float, Unit("m/s^2"), doc("push upwards")] = 0.0
+
+    def start(self, rng: np.random.Generator) -> "Bias":
+        """It does not change in flight."""
+        return self
+
+    def air(self, truth: Truth) -> Air:
+        """The same push at all times."""
+        return Air(np.zeros(3), np.array([self.x, self.y, self.z]))

@@ -1,0 +1,44 @@
+"""Gusts in a room: air conditioning and the helicopter's own wake."""
+
+from dataclasses import dataclass
+from math import exp, sqrt
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Unit, doc
+
+from controllers.signals import Array
+from heli_twin.lab.disturbances import PERIOD
+from heli_twin.lab.plant import Air, Truth
+
+
+@dataclass(frozen=True, slots=True)
+class Gust:
+    """Wind in the plane as an Ornstein-Uhlenbeck process with a fixed time constant.
+
+    Dryden length scales make no sense in hover, where the airspeed is zero. The default strength gives the hover
+    errors of Fig. 4.
+    """
+
+    kind: Literal["gust"] = "gust"
+    strength: Annotated[float, Ge(0), Unit("m/s"), doc("standard deviation of the wind along each axis")] = 0.25
+    time: Annotated[float, Gt(0), Unit("s"), doc("time in which the wind changes")] = 0.7
+
+    def start(self, rng: np.random.Generator) -> "GustInFlight":
+        """Wind for one flight."""
+        return GustInFlight(self, rng)
+
+
+class GustInFlight:
+    """One flight's wind."""
+
+    def __init__(self, spec: Gust, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._keep = exp(-1e-9 * PERIOD / spec.time)
+        self._stir = spec.strength * sqrt(1.0 - self._keep**2)
+        self._wind: Array = spec.strength * rng.standard_normal(2)
+
+    def air(self, truth: Truth) -> Air:
+        """The wind of the next period."""
+        self._wind = self._keep * self._wind + self._stir * self._rng.standard_normal(2)
+        return Air(np.array([*self._wind, 0.0]), np.zeros(3))

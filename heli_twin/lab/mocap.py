@@ -1,0 +1,121 @@
+"""The wire from the helicopter to the ground station: motion capture with noise, delay and dropouts."""
+
+from dataclasses import dataclass
+from math import exp, sqrt
+from typing import Annotated, Literal, NamedTuple, Protocol
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt, Unit, doc
+
+from controllers.signals import Array, Pose, nanoseconds
+from heli_twin.lab.plant import Truth
+
+
+class Arrival(NamedTuple):
+    """A pose on its way."""
+
+    at: int
+    """When it reaches the ground station, ns."""
+    pose: Pose
+
+
+class Mocap(Protocol):
+    """Cameras in flight."""
+
+    due: int
+    """When the cameras next look, ns."""
+
+    def capture(self, now: int, truth: Truth) -> Arrival | None:
+        """Look at the helicopter; None where the frame is lost."""
+        ...
+
+
+class MocapSpec(Protocol):
+    """Cameras as a value."""
+
+    def start(self, rng: np.random.Generator) -> Mocap:
+        """Cameras for one flight."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Vicon:
+    """Four Vicon Bonita cameras over a small volume.
+
+    Source: static error 0.15 mm, dynamic below 2 mm (Merriaux et al., Sensors 2017).
+    """
+
+    kind: Literal["vicon"] = "vicon"
+    rate: Annotated[float, Ge(1), Le(1000), Unit("Hz"), doc("frames per second")] = 100.0
+    latency: Annotated[float, Ge(0), Le(1), Unit("s"), doc("from the picture to the ground station")] = 0.010
+    jitter: Annotated[float, Ge(0), Le(1), Unit("s"), doc("standard deviation of the latency")] = 0.001
+    position_noise: Annotated[float, Ge(0), Unit("m"), doc("white noise of a position, standard deviation")] = 0.0003
+    bias: Annotated[float, Ge(0), Unit("m"), doc("slow error of a position, standard deviation")] = 0.0005
+    bias_time: Annotated[float, Gt(0), Unit("s"), doc("time in which the slow error changes")] = 5.0
+    orientation_noise: Annotated[float, Ge(0), Unit("rad"), doc("white noise about each axis")] = 0.0052
+    dropout: Annotated[float, Ge(0), Lt(1), doc("share of single frames lost")] = 0.005
+
+    def start(self, rng: np.random.Generator) -> "ViconCameras":
+        """Cameras for one flight."""
+        return ViconCameras(self, rng)
+
+
+class ViconCameras:
+    """One flight's cameras; their phase against the control loop is drawn once."""
+
+    def __init__(self, spec: Vicon, rng: np.random.Generator) -> None:
+        self._spec, self._rng = spec, rng
+        self._period = nanoseconds(1.0 / spec.rate)
+        self._keep = exp(-1.0 / (spec.rate * spec.bias_time))
+        self._stir = spec.bias * sqrt(1.0 - self._keep**2)
+        self._bias = spec.bias * rng.standard_normal(3)
+        self.due = int(rng.integers(self._period))
+
+    def capture(self, now: int, truth: Truth) -> Arrival | None:
+        """A noisy pose, late, or nothing."""
+        self.due += self._period
+        spec = self._spec
+        # Ten numbers a frame, lost or not: chance must not depend on what happens to the frame.
+        draw = self._rng.standard_normal(10)
+        lost = self._rng.random() < spec.dropout
+        self._bias = self._keep * self._bias + self._stir * draw[0:3]
+        if lost:
+            return None
+        position = truth.position + self._bias + spec.position_noise * draw[3:6]
+        quat_wxyz = turned(truth.quat_wxyz, spec.orientation_noise * draw[6:9])
+        late = max(0, nanoseconds(spec.latency + spec.jitter * draw[9]))
+        return Arrival(now + late, Pose(now, position, quat_wxyz))
+
+
+@dataclass(frozen=True, slots=True)
+class Off:
+    """Camera errors off: every pose is exact; it can still be late."""
+
+    kind: Literal["off"] = "off"
+    rate: Annotated[float, Ge(1), Le(1000), Unit("Hz"), doc("frames per second")] = 100.0
+    latency: Annotated[float, Ge(0), Le(1), Unit("s"), doc("from the picture to the ground station")] = 0.0
+
+    def start(self, rng: np.random.Generator) -> "ExactCameras":
+        """Cameras for one flight."""
+        return ExactCameras(self)
+
+
+class ExactCameras:
+    """Cameras that see the truth, in step with the control loop."""
+
+    def __init__(self, spec: Off) -> None:
+        self._period, self._latency = nanoseconds(1.0 / spec.rate), nanoseconds(spec.latency)
+        self.due = 0
+
+    def capture(self, now: int, truth: Truth) -> Arrival | None:
+        """The true pose."""
+        self.due += self._period
+        return Arrival(now + self._latency, Pose(now, truth.position, truth.quat_wxyz))
+
+
+def turned(quat_wxyz: Array, small_angle: Array) -> Array:
+    """An attitude (4,) turned by a small body-frame rotation vector (3,), rad."""
+    w, x, y, z = quat_wxyz.tolist()
+    a, b, c = (0.5 * small_angle).tolist()
+    q = (w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a)
+    return np.array(q) / sqrt(1.0 + a * a + b * b + c * c)

@@ -1,0 +1,116 @@
+"""The paper's model as a plant: what flies is what the controller believes, unless the two parameter sets differ."""
+
+from dataclasses import dataclass, field
+from math import cos, sin
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Le, Unit, doc
+
+from controllers.model import Input, Model, State, simulator
+from controllers.signals import Array, nanoseconds
+from heli_twin.lab.plant import Air, Truth
+
+
+@dataclass(frozen=True, slots=True)
+class Ideal:
+    """The helicopter of (1): no attitude, no lag, no delay, always level.
+
+    Its `model` is its own copy: a mismatch is that it differs from the controller's. Of the limits none applies here,
+    only the sticks' travel; (29) is what the controller allows itself.
+
+    Source: Kunz, Huck, Summers, ECC 2013, (1).
+    """
+
+    kind: Literal["ideal"] = "ideal"
+    model: Annotated[Model, doc("parameters as they are")] = field(default_factory=Model)
+    step: Annotated[float, Ge(1e-5), Le(0.02), Unit("s"), doc("grid of times at which inputs may change")] = 0.001
+
+    def __post_init__(self) -> None:
+        """Refuse a step that integer time cannot count.
+
+        Raises:
+            ValueError: The step is no whole number of nanoseconds.
+        """
+        if abs(self.step_ns - 1e9 * self.step) > 1e-3:
+            raise ValueError(f"step is {self.step} s: take a whole number of nanoseconds")
+
+    @property
+    def step_ns(self) -> int:
+        """Length of one step, ns."""
+        return nanoseconds(self.step)
+
+    def start(self, x: Array) -> "IdealHelicopter":
+        """Make the helicopter in physical state x (8,) at time 0."""
+        return IdealHelicopter(self, x)
+
+
+class IdealHelicopter:
+    """A flying point with a heading."""
+
+    def __init__(self, spec: Ideal, x: Array) -> None:
+        self._spec = spec
+        self._simulate = simulator(spec.model, spec.step)
+        self._steps = 0
+        px, py, pz, yaw, vx, vy, vz, r = (float(v) for v in x)
+        self._x: State = (px, py, pz, yaw, vx, vy, vz, r)
+        self._u: Input = spec.model.u_hover
+
+    def truth(self) -> Truth:
+        """What it does now; `touching` reports the floor at height 0, which does not hold this helicopter."""
+        px, py, pz, yaw, vx, vy, vz, r = self._x
+        c, s = cos(yaw), sin(yaw)
+        return Truth(
+            stamp=self._steps * self._spec.step_ns,
+            position=np.array((px, py, pz)),
+            quat_wxyz=np.array((cos(0.5 * yaw), 0.0, 0.0, sin(0.5 * yaw))),
+            velocity=np.array((c * vx - s * vy, s * vx + c * vy, vz)),
+            angular_velocity=np.array((0.0, 0.0, r)),
+            yaw=yaw,
+            yaw_rate=r,
+            actuators=np.array(self._u),
+            touching=pz <= 0.0,
+        )
+
+    def advance(self, until: int, u: Array, air: Air) -> None:
+        """Fly on to `until` (ns) with the input (4,) held; the sticks' travel clips it.
+
+        Every step is integrated by itself, so that a flight in pieces is the flight at once, to the last digit.
+
+        Raises:
+            ValueError: `until` is in the past or not on a step, or the input is not finite.
+        """
+        target, off_grid = divmod(until, self._spec.step_ns)
+        if off_grid or target < self._steps:
+            now = self._steps * self._spec.step_ns
+            raise ValueError(f"until = {until} ns has to be {now} ns plus whole steps of {self._spec.step_ns} ns")
+        if not np.isfinite(u).all():
+            raise ValueError(f"the input is not finite: {u}")
+        if target == self._steps:
+            return
+        ux, uy, uz, uyaw = np.clip(u, (-1.0, -1.0, 0.0, -1.0), 1.0).tolist()
+        self._u = (ux, uy, uz, uyaw)
+        wx, wy, _ = air.wind.tolist()
+        ax, ay, az = air.acceleration.tolist()
+        driven, push = (ux, uy, uz * air.thrust_factor, uyaw), (ax, ay, az, 0.0)
+        for _ in range(target - self._steps):
+            (moved,) = self._simulate(_seen_from(self._x, wx, wy), (driven,), push)
+            px, py, pz, yaw, vx, vy, vz, r = _seen_from(moved, -wx, -wy)
+            self._x = (px + wx * self._spec.step, py + wy * self._spec.step, pz, yaw, vx, vy, vz, r)
+        self._steps = target
+
+    def description(self) -> str:
+        """Empty: the model is the spec."""
+        return ""
+
+
+def _seen_from(x: State, wx: float, wy: float) -> State:
+    """The state with velocities relative to air that moves with (wx, wy) in the world, m/s.
+
+    Drag in (1) acts on them, and steady wind is as good a frame as the room. Height has no drag in (1), and no wind.
+    """
+    if not (wx or wy):
+        return x
+    px, py, pz, yaw, vx, vy, vz, r = x
+    c, s = cos(yaw), sin(yaw)
+    return (px, py, pz, yaw, vx - c * wx - s * wy, vy + s * wx - c * wy, vz, r)

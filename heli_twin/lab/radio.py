@@ -1,0 +1,126 @@
+"""The wire from the ground station to the helicopter: a framed, quantised, lossy transmitter."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple, Protocol
+
+import numpy as np
+from annotated_types import Ge, Le, Unit, doc
+
+from controllers.signals import Array, Command, nanoseconds
+
+NEVER = 1 << 62
+"""A time that no flight reaches, ns."""
+
+
+class Held(NamedTuple):
+    """What the receiver holds from now on."""
+
+    stamp: int
+    """When the ground station decided it, ns; -1 for the trim it started with."""
+    u: Array
+    """(4,) inputs."""
+
+
+class Radio(Protocol):
+    """A radio link in flight."""
+
+    due: int
+    """When the receiver next takes something over, ns."""
+
+    def send(self, at: int, command: Command) -> None:
+        """Hand over a command that is ready at `at` (ns)."""
+        ...
+
+    def receive(self, now: int) -> Held | None:
+        """What has come through until `now` (ns), if anything."""
+        ...
+
+
+class RadioSpec(Protocol):
+    """A radio link as a value."""
+
+    def start(self, rng: np.random.Generator) -> Radio:
+        """A link for one flight."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Dsm2:
+    """A DSM2-like link: a frame takes the newest command, quantised; a lost frame leaves the last one in force.
+
+    Frames and control steps are not synchronised: a command waits up to a frame, and now and then one is
+    overwritten before it is sent. Defaults: Spektrum DM module at 22 ms and 10 bit, counts 170-852.
+    """
+
+    kind: Literal["dsm2"] = "dsm2"
+    frame_period: Annotated[float, Ge(0.001), Le(1), Unit("s"), doc("time between two frames")] = 0.022
+    latency: Annotated[float, Ge(0), Le(1), Unit("s"), doc("serial line and air time of a frame")] = 0.005
+    levels: Annotated[int, Ge(2), doc("steps between full stick one way and the other")] = 682
+    loss: Annotated[float, Ge(0), Le(1), doc("share of frames lost")] = 0.003
+
+    def start(self, rng: np.random.Generator) -> "Dsm2Link":
+        """A link for one flight."""
+        return Dsm2Link(self, rng)
+
+
+class Dsm2Link:
+    """One flight's link; the phase of its frames is drawn once."""
+
+    def __init__(self, spec: Dsm2, rng: np.random.Generator) -> None:
+        self._spec, self._rng = spec, rng
+        self._period, self._latency = nanoseconds(spec.frame_period), nanoseconds(spec.latency)
+        self._frame = int(rng.integers(self._period))
+        self._waiting: list[tuple[int, Held]] = []
+        self.due = self._frame + self._latency
+
+    def send(self, at: int, command: Command) -> None:
+        """Queue a command for the first frame at or after `at`."""
+        half = 0.5 * self._spec.levels
+        self._waiting.append((at, Held(command.stamp, np.round(command.u * half) / half)))
+
+    def receive(self, now: int) -> Held | None:
+        """The newest command that a frame received until `now` carries."""
+        held = None
+        while self.due <= now:
+            ready = [i for i, (at, _) in enumerate(self._waiting) if at <= self._frame]
+            # Drawn every frame, sent or not: chance must not depend on what the controller did.
+            lost = self._rng.random() < self._spec.loss
+            if ready and not lost:
+                held = self._waiting[ready[-1]][1]
+                # Older ones go too, ready or not: a late command must not replace a newer one.
+                del self._waiting[: ready[-1] + 1]
+            self._frame += self._period
+            self.due = self._frame + self._latency
+        return held
+
+
+@dataclass(frozen=True, slots=True)
+class Off:
+    """No radio: a command acts, unquantised, as soon as it is ready."""
+
+    kind: Literal["off"] = "off"
+
+    def start(self, rng: np.random.Generator) -> "Wire":
+        """A wire for one flight."""
+        return Wire()
+
+
+class Wire:
+    """A link without frames, loss or latency."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[int, Held]] = []
+        self.due = NEVER
+
+    def send(self, at: int, command: Command) -> None:
+        """Let the command act at `at`."""
+        self._waiting.append((at, Held(command.stamp, command.u)))
+        self.due = self._waiting[0][0]
+
+    def receive(self, now: int) -> Held | None:
+        """The newest command that is ready at `now`."""
+        held = None
+        while self.due <= now:
+            held = self._waiting.pop(0)[1]
+            self.due = self._waiting[0][0] if self._waiting else NEVER
+        return held

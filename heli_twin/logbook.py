@@ -1,0 +1,122 @@
+"""The logbook: what every log begins with, and how a flight is read back from its log."""
+
+import os
+import platform
+import subprocess
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_info
+
+from controllers.signals import Array
+from heli_twin.errors import HeliTwinError
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.tree import ExperimentError, from_json, toml_of
+from heli_twin.recording import Attachment, Log, read_log
+
+PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
+"""Their versions stand in every log."""
+ORIGIN = "origin"
+"""Metadata that says what wrote a log that is no flight of the twin: `import` or `resolve`."""
+PATH_POINTS = 600
+"""Points of the drawn reference path at most."""
+
+
+def provenance() -> dict[str, str]:
+    """Where and with what a flight was flown; none of it determines the flight."""
+    found = {
+        "started": datetime.now(UTC).isoformat(),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+    }
+    found["cpu"] = _cpu()
+    found["vectors"] = _vectors()
+    found["processes"] = str(os.cpu_count())
+    found["git_commit"] = _git_commit()
+    return found | _versions()
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """The packages that are loaded; looking them up takes as long as a fast flight of a second."""
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[f"version.{package}"] = version(package)
+        except PackageNotFoundError:
+            found[f"version.{package}"] = "not installed"
+    return found
+
+
+def _cpu() -> str:
+    """The processor's name: last digits differ between vector instruction sets."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.processor())
+
+
+@cache
+def _vectors() -> str:
+    """The vector instructions that NumPy and its BLAS use here: what last digits depend on."""
+    libraries = [lib for lib in threadpool_info() if lib["user_api"] == "blas"]
+    blas = {f"{lib['internal_api']} {lib.get('architecture')}" for lib in libraries}
+    numpy: Any = np.show_config(mode="dicts")
+    return ", ".join([*numpy["SIMD Extensions"]["found"], *sorted(blas)])
+
+
+@cache
+def _git_commit() -> str:
+    """The commit of the checkout this package runs from; empty outside one."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""
+
+
+def attachments(experiment: Experiment, mjcf: str) -> list[Attachment]:
+    """The files that a log keeps: the experiment as TOML that teaches, and the plant's MJCF unless it is empty."""
+    files = [Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())]
+    return [*files, Attachment("plant.xml", "application/xml", mjcf.encode())] if mjcf else files
+
+
+def planned_path(experiment: Experiment) -> Array:
+    """The path to fly (n, 3), world, m, for the eye."""
+    count = min(PATH_POINTS, 1 + round(experiment.duration / experiment.controller.period))
+    return experiment.trajectory.flat(np.linspace(0.0, experiment.duration, count)).z[:, :3]
+
+
+def opened(path: Path | str) -> Log:
+    """A log of which the times that are text are numbers too.
+
+    Raises:
+        HeliTwinError: The log cannot be read.
+    """
+    log = read_log(path)
+    time = log.ending.get("time", "0")
+    if not (time.isascii() and time.isdecimal() and len(time) < 19):
+        raise HeliTwinError(f"{path} ends at no time that a flight could end at: it was not written by heli-twin")
+    return log
+
+
+def flown_experiment(log: Log) -> Experiment:
+    """The experiment of a log.
+
+    Raises:
+        ExperimentError: This version cannot fly it.
+    """
+    try:
+        return from_json(log.experiment)
+    except ExperimentError as error:
+        raise ExperimentError(f"the log's experiment is none of this version of heli_twin: {error}") from None
+
+
+def is_recovered(log: Log) -> bool:
+    """Whether the log is what was saved of a broken one."""
+    return "recovered" in log.ending

@@ -1,0 +1,1 @@
+"""Metrics: functions of a recorded flight, the same live and from a file."""

@@ -1,0 +1,1 @@
+"""A recorded flight worked through again: flown, its control problems solved, its poses estimated."""

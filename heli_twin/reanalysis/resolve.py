@@ -1,0 +1,216 @@
+"""Every control problem of a log solved again, as it was or with another controller: what would it have done?
+
+The estimates are the logged ones, so that nothing the new inputs would have changed is simulated: each is an answer
+to a moment that was really flown. The model is linearised along the logged nominal inputs where the log has them, and
+along the controller's own last plan elsewhere, as on a log that another controller flew.
+"""
+
+import heapq
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from controllers.laws import Controller
+from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
+from controllers.reference import ReferencePreview
+from controllers.signals import Array, Command, Estimate, Pose, Reference, nanoseconds
+from heli_twin.errors import HeliTwinError
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.text import changed
+from heli_twin.experiment.tree import canonical_json, toml_of
+from heli_twin.lab.plant import Air, Truth
+from heli_twin.logbook import ORIGIN, flown_experiment, provenance
+from heli_twin.recording import Attachment, Log, LogError, Recorder
+from heli_twin.recording.log import Times
+
+TOLERANCE = 1e-4
+"""Fraction of full stick: what u_0 may differ by on another host or build. The solver stops at 1e-5 and can stop one
+iteration sooner or later; the radio rounds to 3e-3."""
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """A log's control problems, solved again."""
+
+    experiment: Experiment
+    """As flown, with the other controller."""
+    overrides: tuple[str, ...]
+    time: Times
+    """(n,) ns, of every logged estimate."""
+    flown: Array
+    """(n, 4) inputs sent at the time; NaN before the first."""
+    commands: list[Command]
+    """(n,) answers."""
+
+    @property
+    def u(self) -> Array:
+        """(n, 4) inputs that would have been sent."""
+        return np.array([command.u for command in self.commands]).reshape(-1, 4)
+
+    @property
+    def difference(self) -> Array:
+        """(n, 4) the new inputs minus those flown; 0 where nothing was sent yet."""
+        return np.nan_to_num(self.u - self.flown)
+
+
+def resolve(log: Log, overrides: Sequence[str] = ()) -> Resolution:
+    """Solve every control problem of a log again.
+
+    Args:
+        log: Any log with estimates; its controller need not have been an MPC.
+        overrides: Changes of the controller, `controller.path=value` each. Another kind believes in the model and
+            has the period of the one that flew, unless told otherwise.
+
+    Raises:
+        HeliTwinError: The log has nothing to solve, or an override is not one of the controller.
+    """
+    flown = flown_experiment(log)
+    experiment = _with_controller(flown, overrides)
+    if not len(log.estimate.time):
+        raise HeliTwinError("the log has no estimates: there is no control problem to solve again")
+    if experiment.controller.period != flown.controller.period:
+        raise HeliTwinError(
+            f"controller.period = {experiment.controller.period} s: the estimates were logged every"
+            f" {flown.controller.period} s, and only at these times can problems be solved again"
+        )
+    # As in flight: more threads add numbers in another order. Inputs of a hostile log may overflow.
+    with threadpool_limits(limits=1), np.errstate(all="ignore"):
+        commands = list(_answers(log, experiment))
+    flown_u = _held(log, log.estimate.time)
+    return Resolution(experiment, tuple(overrides), log.estimate.time, flown_u, commands)
+
+
+def _with_controller(flown: Experiment, overrides: Sequence[str]) -> Experiment:
+    """The experiment with another controller, which starts from what was believed in flight."""
+    word = next((text for text in overrides if "=" not in text), None)
+    if word is not None:
+        raise HeliTwinError(f"'{word}' is no change: write path=value, such as controller.horizon=12")
+    paths = [text.partition("=")[0].strip() for text in overrides]
+    other = next((path for path in paths if path.split(".")[0] != "controller"), None)
+    if other is not None:
+        raise HeliTwinError(
+            f"{other} is not the controller's: change controller.* here, or fly with any change: `heli-twin refly`"
+        )
+    of_kind = [text for text, path in zip(overrides, paths, strict=True) if path in ("controller", "controller.kind")]
+    kind = changed(flown, of_kind)
+    if type(kind.controller) is not type(flown.controller):
+        believed: Any = {"period": flown.controller.period, "model": flown.controller.model}
+        controller: Any = replace(kind.controller, **believed)  # pyright: ignore[reportArgumentType]
+        kind = replace(kind, controller=controller)
+    return changed(kind, [text for text in overrides if text not in of_kind])
+
+
+def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
+    """What the controller says to each logged estimate."""
+    law = experiment.controller
+    controller = law.start()
+    preview = ReferencePreview(
+        experiment.trajectory, law.model, nanoseconds(law.period), nanoseconds(experiment.estimator.lead)
+    )
+    plans = {int(t): i for i, t in enumerate(log.plan.time)}
+    for t, stamp, x, disturbance, variance, pose_stamp, rejected in zip(*log.estimate, strict=True):
+        estimate = Estimate(int(stamp), x, disturbance, variance, int(pose_stamp), int(rejected))
+        if int(t) in plans:
+            _linearise_along(controller, law, log.plan.u_nominal[plans[int(t)]])
+        try:
+            yield controller.explain(controller.step(int(t), estimate, preview(estimate.stamp, law.steps)))
+        except (ArithmeticError, ValueError) as error:
+            raise HeliTwinError(
+                f"the control problem at {1e-9 * t:.3f} s cannot be rebuilt from this log: {error}"
+            ) from error
+
+
+def _linearise_along(controller: Controller, law: object, u_nominal: Array) -> None:
+    """Give the controller the nominal inputs (N, 4) of the log; a longer horizon holds the last."""
+    if isinstance(controller, LtvMpcController) and isinstance(law, LtvMpc):
+        rows = np.minimum(np.arange(law.steps), len(u_nominal) - 1)
+        controller.linearise_along(u_nominal[rows])
+
+
+def _held(log: Log, times: Times) -> Array:
+    """The input (n, 4) sent last at each time, NaN where there is none."""
+    last = np.searchsorted(log.sent.time, times, side="right") - 1
+    if not len(log.sent.time):
+        return np.full((len(times), 4), np.nan)
+    return np.where(last[:, None] < 0, np.nan, log.sent.u[last])
+
+
+def write(log: Log, resolution: Resolution, path: Path) -> None:
+    """Write the new inputs and plans as a log of their own, in which all else is as it was flown.
+
+    `/truth`, `/mocap/pose`, `/estimate`, `/reference`, `/command/acting`, `/disturbance` and the events are those of
+    the flight; `/command/sent`, `/mpc/plan`, `/mpc/qp` and `/timing` are those of the other controller. So the two
+    logs replay side by side.
+
+    Raises:
+        LogError: The log exists already or cannot be written.
+    """
+    experiment = resolution.experiment
+    recorder = Recorder(
+        path,
+        experiment=canonical_json(experiment),
+        metadata=provenance() | {ORIGIN: "resolve", "resolved_from": log.digest},
+        attachments=[Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())],
+    )
+    with recorder:
+        for t, points in log.reference_paths:
+            recorder.reference_path(t, points)
+        changes = " ".join(resolution.overrides) or "no changes"
+        recorder.event(0, "info", "resolve", f"inputs and plans are counterfactual, not flown: {changes}")
+        try:
+            for row in heapq.merge(_flown_rows(log), _new_rows(resolution), key=lambda row: row.time):
+                getattr(recorder, row.wire)(row.time, *row.values)
+        except (struct.error, ArithmeticError, ValueError) as error:
+            raise HeliTwinError(f"the log holds what no flight leaves, it cannot be copied: {error}") from error
+        recorder.close(log.outcome, int(log.ending.get("time", "0")), text=log.ending.get("text", ""))
+    if recorder.trouble:
+        raise LogError(recorder.trouble)
+
+
+class _Row(NamedTuple):
+    """One message to write."""
+
+    time: int
+    wire: str
+    """Name of the recorder's method."""
+    values: tuple[Any, ...]
+
+
+def _flown_rows(log: Log) -> Iterator[_Row]:
+    """What is copied, in order of time and, at one time, of the flight."""
+    return heapq.merge(
+        (_Row(int(t), "acting", (u, int(stamp))) for t, stamp, u in zip(*log.acting, strict=True)),
+        _copies("disturbance", log.disturbance, Air),
+        _first_rows(log),
+        _copies("truth", log.truth, Truth),
+        _copies("pose", log.pose, Pose),
+        _copies("estimate", log.estimate, Estimate),
+        (_Row(event.time, "event", event[1:]) for event in log.events if event.name != "qp"),
+        key=lambda row: row.time,
+    )
+
+
+def _copies(wire: str, columns: Iterable[Any], signal: Callable[..., Any]) -> Iterator[_Row]:
+    """The messages of a topic whose fields are those of a signal."""
+    return (_Row(int(t), wire, (signal(*values),)) for t, *values in zip(*columns, strict=True))
+
+
+def _first_rows(log: Log) -> Iterator[_Row]:
+    """The reference, of which a log has the first row."""
+    for t, stamp, x, u in zip(*log.reference, strict=True):
+        yield _Row(int(t), "reference", (Reference(int(stamp), x[None], u[None]),))
+
+
+def _new_rows(resolution: Resolution) -> Iterator[_Row]:
+    for t, command in zip(resolution.time.tolist(), resolution.commands, strict=True):
+        yield _Row(t, "sent", (command,))
+        if command.plan is not None:
+            yield _Row(t, "plan", (command.plan,))
+        if command.qp is not None:
+            yield _Row(t, "qp", (command.qp,))
+        yield _Row(t, "timing", (command.solve_ns, command.solve_ns))

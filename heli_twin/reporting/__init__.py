@@ -1,0 +1,1 @@
+"""What reports are made of: figures as values, intervals, words for numbers, and HTML pages."""

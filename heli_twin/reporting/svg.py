@@ -1,0 +1,165 @@
+"""Figures for papers, by matplotlib, which only this module knows: the same data give the same bytes."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from heli_twin.reporting.figure import FAILURE, Bars, Curve, Dots, Figure, Heat, Mark, Panel, color, edges, shades
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LOOK: dict[Any, Any] = {
+    "svg.hashsalt": "heli_twin",
+    "font.size": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#eeeeee",
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3,
+}
+WIDTH = 3.5
+"""Inches: a column of a paper."""
+LINES = {"line": "-", "steps": "-", "dashes": "--"}
+
+
+def write_svg(figure: Figure, path: Path) -> None:
+    """Draw a figure; it has no date and no random ids."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure as Canvas
+
+    with mpl.rc_context(LOOK):
+        panels = figure.panels
+        columns = 1 if len(panels) == 1 else 3 if len(panels) > 4 else 2
+        rows = -(-len(panels) // columns)
+        names = [mark.names for p in panels for mark in p.marks if isinstance(mark, Bars | Dots)]
+        height = max(2.4, *(0.26 * len(rows_) + 0.8 for rows_ in names), 0.0)
+        # Room for names that are longer than numbers.
+        width = WIDTH + 0.06 * max((len(name) - 12 for rows_ in names for name in rows_ if len(name) > 12), default=0)
+        canvas = Canvas(figsize=(width * columns, height * rows), layout="constrained")
+        places = canvas.subplots(rows, columns, squeeze=False).ravel()
+        for axes, panel in zip(places, panels, strict=False):
+            _panel(axes, panel)
+        for axes in places[len(panels) :]:
+            axes.set_visible(False)
+        _legend(canvas, figure)
+        canvas.savefig(path, format="svg", metadata={"Date": None})
+
+
+def _panel(axes: "Axes", panel: Panel) -> None:
+    axes.set_title(panel.title, loc="left", fontweight="bold", fontsize=8)
+    axes.set_xlabel(panel.x_label)
+    axes.set_ylabel(panel.y_label)
+    dots = [mark for mark in panel.marks if isinstance(mark, Dots)]
+    for mark in panel.marks:
+        match mark:
+            case Curve():
+                _curve(axes, mark)
+            case Bars():
+                _bars(axes, mark)
+            case Dots():
+                _dots(axes, mark, (dots.index(mark) - 0.5 * (len(dots) - 1)) * 0.7 / len(dots))
+            case Heat():
+                _heat(axes, mark, panel)
+    if panel.x_log:
+        _log_scale(axes)
+    elif dots and axes.dataLim.x0 >= 0:
+        axes.set_xlim(left=0)
+    if panel.y_log:
+        axes.set_yscale("log")
+    if any(isinstance(mark, Heat | Bars | Dots) for mark in panel.marks):
+        axes.grid(False)
+    elif not panel.y_log and axes.dataLim.y0 >= 0:
+        axes.set_ylim(bottom=0)
+
+
+def _log_scale(axes: "Axes") -> None:
+    """A logarithmic x axis that has numbers even where it is shorter than a decade."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    subs = (1.0, 2.0, 5.0) if high < 10 * low else (1.0, 3.0) if high < 300 * low else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=subs))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _curve(axes: "Axes", mark: Curve) -> None:
+    shade = color(mark.color)
+    if mark.low is not None and mark.high is not None:
+        axes.fill_between(mark.x, mark.low, mark.high, color=shade, alpha=0.15, linewidth=0)
+    if mark.style == "points":
+        axes.plot(mark.x, mark.y, ".", color=shade, markersize=2, label=mark.label, rasterized=len(mark.x) > 5000)
+    elif mark.style == "line":
+        axes.plot(mark.x, mark.y, "o-", color=shade, label=mark.label)
+    else:
+        axes.step(mark.x, mark.y, LINES[mark.style], where="post", color=shade, label=mark.label)
+
+
+def _bars(axes: "Axes", mark: Bars) -> None:
+    y = np.arange(len(mark.names))
+    axes.barh(y, mark.length, left=mark.start, color=shades(mark), height=0.7)
+    if mark.low is not None and mark.high is not None:
+        end = mark.start + mark.length
+        axes.errorbar(
+            end, y, xerr=_error(end, mark.low, mark.high), fmt="none", ecolor="#444444", elinewidth=0.8, capsize=1.5
+        )
+    axes.set_yticks(y, mark.names)
+    axes.set_ylim(len(mark.names) - 0.4, -0.6)
+
+
+def _dots(axes: "Axes", mark: Dots, offset: float) -> None:
+    y = np.arange(len(mark.names)) + offset
+    error = _error(mark.value, mark.low, mark.high)
+    axes.errorbar(
+        mark.value, y, xerr=error, fmt="o", color=color(mark.color), label=mark.label, elinewidth=1, capsize=2
+    )
+    for x, place, text in zip(mark.value, y, mark.texts, strict=False):
+        axes.annotate(
+            text.partition(" [")[0], (x, place), xytext=(0, 4), textcoords="offset points", ha="center", fontsize=6
+        )
+    axes.set_yticks(range(len(mark.names)), mark.names)
+    axes.set_ylim(len(mark.names) - 0.4, -0.6)
+
+
+def _heat(axes: "Axes", mark: Heat, panel: Panel) -> None:
+    options: dict[str, Any] = {"cmap": "RdBu_r" if mark.diverging else "cividis"}
+    if mark.diverging:
+        top = float(np.nanmax(np.abs(mark.values))) if np.isfinite(mark.values).any() else 1.0
+        options |= {"vmin": -top, "vmax": top}
+    elif mark.limits:
+        options |= {"vmin": mark.limits[0], "vmax": mark.limits[1]}
+    x, y = edges(mark.x, panel.x_log), edges(mark.y, panel.y_log)
+    picture = axes.pcolormesh(x, y, np.ma.masked_invalid(mark.values), **options)
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(y[0], y[-1])
+    axes.figure.colorbar(picture, ax=axes, label=mark.unit)
+    if mark.failure is not None and np.nanmax(mark.failure) >= FAILURE > np.nanmin(mark.failure):
+        axes.contour(mark.x, mark.y, mark.failure, [FAILURE], colors="black", linewidths=1.5)
+
+
+def _error(value: Any, low: Any, high: Any) -> Any:
+    return np.nan_to_num(np.maximum(np.array([value - low, high - value]), 0))
+
+
+def _legend(canvas: Any, figure: Figure) -> None:
+    """One legend for all panels, below them."""
+    labels: dict[str, Mark] = {}
+    for panel in figure.panels:
+        labels |= {mark.label: mark for mark in panel.marks if isinstance(mark, Curve | Dots) and mark.label}
+    if len(labels) < 2:
+        return
+    found: dict[str, Any] = {}
+    for axes in canvas.axes:
+        handles, names = axes.get_legend_handles_labels()
+        found |= {name: handle for handle, name in zip(handles, names, strict=True) if name not in found}
+    for columns in range(min(4, len(found)), 0, -1):
+        legend = canvas.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
+        if columns == 1 or legend.get_window_extent().width <= canvas.bbox.width:
+            break
+        legend.remove()

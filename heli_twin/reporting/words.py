@@ -1,0 +1,109 @@
+"""Numbers and names as a person reads them: centimetres, degrees, milliseconds; what a field means."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.families import EachOf, OneOf, members
+from heli_twin.experiment.tree import parts
+from heli_twin.reporting.intervals import Interval
+
+NAMES = {
+    "rmse": "RMS error",
+    "mse": "mean squared error",
+    "max_abs_error": "largest error",
+    "p95": "95 % error",
+    "bias": "mean error",
+    "spread": "scatter of the error",
+    "sustained": "sustained error",
+    "variation": "stick travel",
+}
+LENGTHS = ("rmse", "max_abs_error", "p95", "bias", "spread", "sustained")
+UNITS = {"phase_lag": ("ms", 1e3), "settling_time": ("s", 1.0), "overshoot": ("%", 100.0)}
+
+
+class Scale(NamedTuple):
+    """How a metric is shown."""
+
+    name: str
+    unit: str
+    factor: float
+
+    @property
+    def label(self) -> str:
+        """Name and unit."""
+        return f"{self.name}, {self.unit}" if self.unit else self.name
+
+
+def metric(name: str) -> Scale:
+    """How a metric is shown."""
+    stem, _, axis = name.partition(".")
+    text = _name(NAMES.get(stem, stem.replace("_", " ")), axis)
+    if stem in LENGTHS:
+        return Scale(text, "deg", 180 / np.pi) if axis == "yaw" else Scale(text, "cm", 100.0)
+    if stem == "mse":
+        return Scale(text, "deg\u00b2", (180 / np.pi) ** 2) if axis == "yaw" else Scale(text, "cm\u00b2", 1e4)
+    if stem in UNITS:
+        return Scale(text, *UNITS[stem])
+    if stem.endswith("_ms"):
+        return Scale(f"{stem[:-3].replace('_', ' ')} {axis}", "ms", 1.0)
+    return Scale("largest tilt", "deg", 180 / np.pi) if name == "tilt.max" else Scale(text, "", 1.0)
+
+
+def _name(stem: str, axis: str) -> str:
+    if axis == "position":
+        return stem.replace("error", "position error")
+    return f"{stem} in {axis}" if axis in ("x", "y", "z", "yaw") else f"{stem} {axis}".strip()
+
+
+def field(path: str, values: Sequence[float] = ()) -> Scale:
+    """How an axis is shown: small times in ms, small weights in g."""
+    unit = _unit(Experiment, path.split("."))
+    largest = max((abs(value) for value in values), default=np.inf)
+    if unit == "s" and largest < 0.5:
+        return Scale(path, "ms", 1e3)
+    return Scale(path, "g", 1e3) if unit == "kg" and largest < 1 else Scale(path, "" if unit == "1" else unit, 1.0)
+
+
+def _unit(spec: type, keys: list[str]) -> str:
+    """The unit of the field at a path; of any member of a family that has it."""
+    part = parts(spec).get(keys[0])
+    if part is None:
+        return ""
+    rest = keys[1:]
+    if isinstance(part.family, EachOf):
+        kinds = members(part.family.package)
+        return _unit(kinds[rest[0]], rest[1:]) if len(rest) > 1 and rest[0] in kinds else ""
+    if not rest:
+        return part.unit
+    inner = members(part.family.package).values() if isinstance(part.family, OneOf) else [part.type]
+    return next((unit for kind in inner if (unit := _unit(kind, rest))), "")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number with as many digits as matter."""
+    return "-" if not np.isfinite(value) else f"{value:.{digits}g}"
+
+
+def interval(found: Interval, factor: float = 1.0, unit: str = "") -> str:
+    """`1.23 [1.1, 1.4] cm`."""
+    if not np.isfinite(found.value):
+        return "-"
+    text = number(found.value * factor)
+    if found.low < found.high:
+        text += f" [{number(found.low * factor)}, {number(found.high * factor)}]"
+    return f"{text} {unit}".rstrip()
+
+
+def percent(found: Interval) -> str:
+    """A rate with its interval."""
+    if not found.n:
+        return "-"
+    return f"{100 * found.value:.3g} % [{100 * found.low:.2g}, {100 * found.high:.2g}]"
+
+
+def listed(words: Sequence[str]) -> str:
+    """`a, b and c`."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else "nothing"

@@ -1,0 +1,1 @@
+"""Tuning of the control laws on the nominal twin."""

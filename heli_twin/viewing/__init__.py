@@ -1,0 +1,1 @@
+"""Flights in Rerun, live and from a log. Nothing else imports Rerun."""

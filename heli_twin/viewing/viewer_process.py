@@ -1,0 +1,146 @@
+"""Rerun's viewer as a process of this machine: found, started, and photographed without a screen."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from tempfile import TemporaryDirectory, TemporaryFile
+from typing import IO
+
+from rerun.experimental import ViewerClient
+
+from heli_twin.recording.schema import LogError
+from heli_twin.viewing.blueprint import TIMELINE
+
+HOST = "127.0.0.1"
+START, DELIVERY = 20.0, 60.0
+"""How long a viewer may take to listen, and to take in a flight, s."""
+SETTLING = 0.7
+"""How long the viewer's last frames may still change after the time was set, s: plots fade to their final range."""
+NOTES = 4.5
+"""How long a viewer shows the note that it has started, in front of the picture, s."""
+
+
+def url(port: int) -> str:
+    """Where a viewer on this port takes data."""
+    return f"rerun+http://{HOST}:{port}/proxy"
+
+
+def listens(port: int) -> bool:
+    """Whether somebody listens there."""
+    try:
+        with socket.create_connection((HOST, port), timeout=0.2):
+            return True
+    except OSError:
+        return False
+
+
+def spawn(port: int) -> bool:
+    """Start a viewer of its own that only this machine can reach; whether it listens."""
+    viewer = _start(port, "--expect-data-soon", output=subprocess.DEVNULL)
+    return _comes_up(viewer, port)
+
+
+def picture(show: Callable[[int], None], at: float, size: tuple[int, int]) -> bytes:
+    """A PNG of a flight at one moment, from a viewer without a window that is gone afterwards.
+
+    Args:
+        show: Sends the flight to the viewer on the port that it is given.
+        at: Simulated time, s.
+        size: Width and height, pixels.
+
+    Raises:
+        LogError: There is nothing to draw with, or the viewer failed.
+    """
+    with headless(size) as (port, viewer):
+        started = time.monotonic()
+        show(port)
+        _wait_until_all_is_there(viewer)
+        viewer.set_time(TIMELINE, duration=at, play_state="paused")
+        time.sleep(max(SETTLING, started + NOTES - time.monotonic()))
+        return viewer.take_screenshot()
+
+
+@contextmanager
+def headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
+    """A viewer without a window and its port, for as long as it is needed; size in pixels.
+
+    Raises:
+        LogError: There is nothing to draw with, or the viewer failed.
+    """
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        port = probe.getsockname()[1]
+    # A viewer that is killed leaves its cache behind, so it gets a place of its own.
+    with TemporaryDirectory(ignore_cleanup_errors=True) as place, TemporaryFile() as said:
+        window = f"{size[0]}x{size[1]}"
+        options = ("--headless", "--hide-welcome-screen", "--window-size", window)
+        process = _start(port, *options, output=said, TMPDIR=place)
+        try:
+            if not _comes_up(process, port):
+                raise LogError(f"the viewer did not start in {START:g} s: try again when the machine is less busy")
+            viewer = ViewerClient.connect(url(port))
+            # It listens before it knows whether it can draw.
+            viewer.get_state()
+            yield port, viewer
+        except (LogError, RuntimeError, OSError) as error:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(2)
+                said.seek(0)
+                raise LogError(_why(said.read().decode(errors="replace"))) from error
+            if isinstance(error, LogError):
+                raise
+            raise LogError(f"the viewer gave no picture: {error}") from error
+        finally:
+            # The process is a wrapper; the viewer is its child.
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def _why(said: str) -> str:
+    """One sentence for a viewer that died."""
+    if "render context" in said or "adapter" in said:
+        return (
+            "there is no graphics driver to draw with: install a software one,"
+            " on Debian and Ubuntu `apt install mesa-vulkan-drivers`"
+        )
+    last = next((line.strip() for line in said.splitlines() if line.strip()), "it said nothing")
+    return f"the viewer died ({last}): try `rerun --headless` by itself to see why"
+
+
+def _start(port: int, *options: str, output: int | IO[bytes], **variables: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "rerun", "--port", str(port), "--bind", HOST, *options]
+    # Below errors the viewer shows its own log as notes in front of the picture.
+    environment = os.environ | {"RUST_LOG": "off"} | variables
+    return subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True, env=environment)
+
+
+def _comes_up(viewer: subprocess.Popen[bytes], port: int) -> bool:
+    deadline = time.monotonic() + START
+    while time.monotonic() < deadline and viewer.poll() is None:
+        if listens(port):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def _wait_until_all_is_there(viewer: ViewerClient) -> None:
+    """Wait for a recording with its layout that has stopped growing."""
+    before, deadline = None, time.monotonic() + DELIVERY
+    while time.monotonic() < deadline:
+        state = viewer.get_state()
+        now = [(r.store_id, [(line.name, line.end) for line in r.timelines]) for r in state.recordings]
+        if (
+            state.views
+            and now == before
+            and any(line.name == TIMELINE for r in state.recordings for line in r.timelines)
+        ):
+            return
+        before = now
+        time.sleep(0.2)
+    raise LogError(f"the viewer took more than {DELIVERY:g} s to take in the flight: try a shorter log")

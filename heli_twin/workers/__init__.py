@@ -1,0 +1,1 @@
+"""Many flights on many processes, of one machine or a cluster."""

@@ -1,0 +1,88 @@
+import sys
+from dataclasses import dataclass, fields
+
+import pytest
+
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.families import members
+from heli_twin.experiment.tree import parts
+
+PACKAGES = sorted(part.family.package for part in parts(Experiment).values() if part.family)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_member_is_a_frozen_value_that_names_itself(package):
+    family = members(package)
+    assert family
+    for kind, spec in family.items():
+        member = spec()
+        assert member.kind == kind
+        assert member == spec()
+        assert hash(member) == hash(spec())
+        assert spec.__dataclass_params__.frozen
+        # `kind` comes first, so that a table says what it is before it says how.
+        assert fields(spec)[0].name == "kind"
+        assert spec.__doc__
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_members_are_in_alphabetical_order(package):
+    assert list(members(package)) == sorted(members(package))
+
+
+def test_the_families_hold_what_the_paper_needs():
+    assert {"circle", "hover"} <= set(members("controllers.trajectories"))
+    assert "ltv_mpc" in members("controllers.laws")
+    assert set(members("heli_twin.lab.plant")) >= {"ideal", "mujoco"}
+
+
+MEMBER = '''
+from dataclasses import dataclass, field
+from typing import Literal
+
+@dataclass(frozen=True)
+class {name}:
+    """One."""
+    kind: Literal["{kind}"] = "{kind}"
+    size: float = 1.0
+
+@dataclass(frozen=True)
+class Helper:
+    """Without a kind it is no member."""
+    size: float = 1.0
+'''
+
+
+def test_a_new_file_is_a_new_member(tmp_path, monkeypatch):
+    home = tmp_path / "some_family"
+    home.mkdir()
+    (home / "__init__.py").write_text('"""A family."""\n')
+    (home / "zebra.py").write_text(MEMBER.format(name="Zebra", kind="zebra"))
+    (home / "ape.py").write_text(MEMBER.format(name="Ape", kind="ape") + "from some_family.zebra import Zebra\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    try:
+        family = members("some_family")
+        assert [spec.__name__ for spec in family.values()] == ["Ape", "Zebra"]
+        assert list(family) == ["ape", "zebra"]
+    finally:
+        for name in [n for n in sys.modules if n.partition(".")[0] == "some_family"]:
+            del sys.modules[name]
+
+
+def test_a_module_can_be_a_family():
+    family = members("heli_twin.lab.compute")
+    assert set(family) == {"modelled", "off"}
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    kind: str = "elsewhere"
+
+
+def test_what_is_only_imported_is_no_member(monkeypatch):
+    monkeypatch.setattr("heli_twin.lab.compute.Elsewhere", Elsewhere, raising=False)
+    members.cache_clear()
+    try:
+        assert "elsewhere" not in members("heli_twin.lab.compute")
+    finally:
+        members.cache_clear()

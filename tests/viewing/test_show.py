@@ -1,0 +1,214 @@
+"""Two flights in one picture, and pictures without a screen."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rerun.experimental import ViewerClient
+
+from heli_twin.cli import main
+from heli_twin.experiment.text import changed, load
+from heli_twin.mission import fly
+from heli_twin.recording import Log, Recorder
+from heli_twin.viewing.blueprint import Scales
+from heli_twin.viewing.show import differences, flown_as_seen
+from heli_twin.viewing.two_flights import Difference, Run, difference, document
+
+Record = Callable[..., Recorder]
+RERUN = Path(sys.executable).with_name("rerun")
+LAB = load("lab")
+NO_DRIVER = {"VK_DRIVER_FILES": "/nowhere", "VK_ICD_FILENAMES": "/nowhere"}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two flights that differ in three fields, one of them shorter."""
+    flown = [
+        fly(load("ideal", overrides), log_dir=tmp_path_factory.mktemp("run")).path
+        for overrides in (["duration=2"], ["duration=1.5", "seed=3", "controller.horizon=12"])
+    ]
+    return [path for path in flown if path]
+
+
+# --- what differs
+
+
+def test_an_experiment_does_not_differ_from_itself() -> None:
+    assert differences(LAB, load("lab")) == []
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("plant.mass=0.031", [("plant.mass", "0.028", "0.031")]),
+        ("controller=pid", [("controller", "ltv_mpc", "pid")]),
+        ("faults.pose_outage=on", [("faults.pose_outage", "off", "on")]),
+        ("disturbances.gust=off", [("disturbances.gust", "on", "off")]),
+        ("trajectory=hover", [("trajectory", "circle", "hover")]),
+    ],
+)
+def test_differences_are_the_overrides(override: str, expected: list[tuple[str, str, str]]) -> None:
+    assert differences(LAB, changed(LAB, [override])) == expected
+    assert differences(changed(LAB, [override]), LAB) == [(path, b, a) for path, a, b in expected]
+
+
+@given(st.integers(0, 9), st.floats(0.02, 0.04), st.booleans())
+def test_differences_rebuild_the_other_experiment(seed: int, mass: float, roll_forward: bool) -> None:
+    other = replace(
+        LAB,
+        seed=seed,
+        plant=replace(LAB.plant, mass=mass),
+        estimator=replace(LAB.estimator, roll_forward=roll_forward),
+    )
+    assert changed(LAB, [f"{path}={b}" for path, _, b in differences(LAB, other)]) == other
+
+
+# --- the difference
+
+
+def test_a_flight_does_not_differ_from_itself(record: Record) -> None:
+    log = record(seconds=1.0).log()
+    t, minus = difference(log, log)
+    np.testing.assert_array_equal(t, log.truth.time)
+    assert not minus.any()
+
+
+def test_the_difference_is_b_minus_a_while_both_fly(record: Record) -> None:
+    a, b = record(seconds=1.0, seed=1).log(), record(seconds=0.6, seed=2).log()
+    t, minus = difference(a, b)
+    assert t[-1] == b.truth.time[-1]
+    np.testing.assert_allclose(minus[:, :3], b.truth.position - a.truth.position[: len(t)], rtol=0, atol=1e-15)
+
+
+def test_b_is_interpolated_where_it_was_not_recorded(record: Record) -> None:
+    a = record(seconds=1.0).log()
+    thinned = Log(a.messages | {"/truth": type(a.messages["/truth"])(*(c[::2] for c in a.messages["/truth"]))})
+    t, minus = difference(a, thinned)
+    assert len(t) > len(thinned.truth.time)
+    # A chord of 40 ms of a circle with 0.5 m radius at 2 rad/s lies r (dt omega)^2 / 8 = 0.4 mm inside it.
+    assert 0 < np.abs(minus[:, :3]).max() < 5e-4
+
+
+def test_nothing_is_common_to_a_flight_and_none(record: Record) -> None:
+    log = record(seconds=0.5).log()
+    for pair in ((log, Log({})), (Log({}), log)):
+        t, minus = difference(*pair)
+        assert len(t) == len(minus) == 0
+
+
+# --- both in one file
+
+
+def test_two_logs_are_replayed_into_one_file(runs: list[Path], tmp_path: Path) -> None:
+    saved = tmp_path / "both.rrd"
+    assert main(["replay", *map(str, runs), "--save", str(saved)]) == 0
+    said = subprocess.run([RERUN, "rrd", "print", "-vvv", saved], capture_output=True, text=True, check=True).stdout
+    for entity in (
+        "/A/world/helicopter",
+        "/B/world/helicopter",
+        "/A/tracking/position",
+        "/B/tracking/position",
+        "/difference/position",
+        "/difference/yaw",
+        "/differences",
+    ):
+        assert f"{entity}" in said, entity
+    subprocess.run([RERUN, "rrd", "verify", saved], check=True, capture_output=True)
+
+
+def test_the_picture_tells_what_differs(record: Record) -> None:
+    runs = [Run(record(seconds=0.3).log(), Scales(), name) for name in ("a.mcap", "b|c.mcap")]
+    text = document(runs, [Difference("plant.mass", "0.028", "0.031")])
+    assert text.splitlines()[2:] == [
+        "| file | a.mcap | b/c.mcap |",
+        "| outcome | landed | landed |",
+        "| plant.mass | 0.028 | 0.031 |",
+    ]
+    assert "| experiment | the same | the same |" in document(runs, [])
+
+
+def test_poses_without_truth_are_replayed_as_the_flight(record: Record) -> None:
+    log = record(seconds=1.0).log()
+    alone = Log({topic: messages for topic, messages in log.messages.items() if topic == "/mocap/pose"})
+    seen, pose = flown_as_seen(alone).truth, log.pose
+    stamps, first = np.unique(pose.stamp, return_index=True)
+    np.testing.assert_array_equal(seen.time, stamps)
+    np.testing.assert_array_equal(seen.position, pose.position[first])
+    yaw = np.interp(1e-9 * seen.time, 1e-9 * log.truth.time, log.truth.yaw)
+    # The circle's noise is in position only; the heading is read off a quaternion that banks 0.1 rad.
+    np.testing.assert_allclose(seen.yaw, yaw, rtol=0, atol=1e-9)
+    assert flown_as_seen(log) is log
+
+
+# --- a picture without a screen
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_snapshot_is_a_picture_of_that_size_and_leaves_nothing_else(
+    count: int, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setenv("TMPDIR", str(folder))
+    shot, seen = tmp_path / "shot.png", []
+    quiet = ViewerClient.take_screenshot
+
+    def take(self: ViewerClient) -> bytes:
+        seen.append(self.get_state())
+        return quiet(self)
+
+    monkeypatch.setattr(ViewerClient, "take_screenshot", take)
+    code = main(["snapshot", *map(str, runs[:count]), "--at", "1.2", str(shot), "--size", "900x600"])
+    said = capsys.readouterr()
+    if "graphics driver" in said.err:
+        pytest.skip(said.err)
+    assert (code, said.out) == (0, f"wrote {shot}\n")
+    png = shot.read_bytes()
+    assert png.startswith(b"\x89PNG")
+    assert (int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")) == (900, 600)
+    (state,) = seen
+    assert [recording.current_time for recording in state.recordings] == [1_200_000_000]
+    assert [report for view in state.views for report in view.reports] == []
+    assert {path.name for path in tmp_path.iterdir()} == {"shot.png", "temporary"}
+    assert not [*folder.iterdir()]
+
+
+def test_without_a_driver_a_snapshot_says_what_to_install(
+    runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, value in NO_DRIVER.items():
+        monkeypatch.setenv(name, value)
+    assert main(["snapshot", str(runs[0]), str(tmp_path / "shot.png")]) == 2
+    said = capsys.readouterr().err
+    if "mesa-vulkan-drivers" not in said:
+        pytest.skip(f"this machine draws without Vulkan: {said}")
+    assert said.count("\n") == 1
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["shot.png", "--at", "2.5"], "nothing was recorded at 2.5 s: give --at a time from 0 to 2 s"),
+        (["shot.png", "--at", "nan"], "nothing was recorded at nan s: give --at a time from 0 to 2 s"),
+        (["shot.jpg"], "cannot write shot.jpg: give the picture a name that ends in .png"),
+    ],
+)
+def test_what_cannot_be_pictured(
+    arguments: list[str], said: str, runs: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["snapshot", str(runs[0]), *arguments]) == 2
+    assert capsys.readouterr().err == f"heli-twin: {said}\n"
+
+
+@pytest.mark.parametrize("size", ["12", "0x0", "99999x100", "axb"])
+def test_a_size_is_two_numbers(size: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["snapshot", "run.mcap", "shot.png", "--size", size])
+    assert "such as 1600x900" in capsys.readouterr().err
