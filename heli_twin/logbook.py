@@ -3,6 +3,7 @@
 import os
 import platform
 import subprocess
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -15,8 +16,9 @@ from threadpoolctl import threadpool_info
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.tree import ExperimentError, from_json, toml_of
-from heli_twin.recording import Attachment, Log, read_log
+from heli_twin.experiment.tree import ExperimentError, canonical_json, from_json, toml_of
+from heli_twin.recording import Attachment, Log, Recorder, read_log
+from heli_twin.recording.writer import Listener
 
 PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
 """Their versions stand in every log."""
@@ -80,10 +82,36 @@ def _git_commit() -> str:
         return ""
 
 
-def attachments(experiment: Experiment, mjcf: str) -> list[Attachment]:
-    """The files that a log keeps: the experiment as TOML that teaches, and the plant's MJCF unless it is empty."""
-    files = [Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())]
-    return [*files, Attachment("plant.xml", "application/xml", mjcf.encode())] if mjcf else files
+def begin_log(
+    path: Path | None,
+    experiment: Experiment,
+    *,
+    metadata: Mapping[str, str] | None = None,
+    mjcf: str = "",
+    listeners: Sequence[Listener] = (),
+) -> Recorder:
+    """Open a log and write what every log begins with: the experiment, and where and with what it was flown.
+
+    Args:
+        path: Where the log shall be when it is finished, `.../NAME.mcap`; None keeps it in memory.
+        experiment: What determines the flight.
+        metadata: Facts beside `provenance`, such as `ORIGIN`.
+        mjcf: The plant as it is simulated; empty where there is none.
+        listeners: Called with every message.
+
+    Raises:
+        LogError: The file exists already or cannot be written.
+    """
+    attachments = [Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())]
+    if mjcf:
+        attachments.append(Attachment("plant.xml", "application/xml", mjcf.encode()))
+    return Recorder(
+        path,
+        experiment=canonical_json(experiment),
+        metadata=provenance() | dict(metadata or {}),
+        attachments=attachments,
+        listeners=listeners,
+    )
 
 
 def planned_path(experiment: Experiment) -> Array:

@@ -17,12 +17,13 @@ from controllers.flatness import state
 from controllers.reference import check_feasible
 from controllers.signals import nanoseconds
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of, tree_of
+from heli_twin.experiment.tree import ExperimentError, experiment_of, tree_of
 from heli_twin.flight import Flight, Outcome
 from heli_twin.lab.plant import Plant
-from heli_twin.logbook import attachments, planned_path, provenance
+from heli_twin.logbook import begin_log, planned_path
 from heli_twin.metrics.tracking import metrics
-from heli_twin.recording import Log, Recorder, read_log
+from heli_twin.recording import Log, read_log
+from heli_twin.whole_file import free_path
 
 if TYPE_CHECKING:
     from heli_twin.viewing.live import Live
@@ -90,13 +91,7 @@ def fly(
     path = _new_path(Path(log_dir), experiment) if log_dir is not None else None
     plant = _start(experiment)
     pictures = _pictures(experiment, rerun)
-    recorder = Recorder(
-        path,
-        experiment=canonical_json(experiment),
-        metadata=provenance(),
-        attachments=attachments(experiment, plant.description()),
-        listeners=[pictures] if pictures else [],
-    )
+    recorder = begin_log(path, experiment, mjcf=plant.description(), listeners=[pictures] if pictures else [])
     with recorder, closing(pictures) if pictures else nullcontext():
         recorder.reference_path(0, planned_path(experiment))
         began = perf_counter()
@@ -151,8 +146,4 @@ def _new_path(folder: Path, experiment: Experiment) -> Path:
     """A name that tells what was flown, and that no other log has."""
     kinds = [tree_of(experiment)[part]["kind"] for part in ("plant", "trajectory", "controller")]
     stem = "-".join([datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), *kinds, f"seed{experiment.seed}"])
-    path, count = folder / f"{stem}.mcap", 1
-    while path.exists() or path.with_name(path.name + ".part").exists():
-        count += 1
-        path = folder / f"{stem}-{count}.mcap"
-    return path
+    return free_path(folder / f"{stem}.mcap")

@@ -39,6 +39,7 @@ def run(parsed: Namespace) -> int:
 
     from heli_twin.logbook import ORIGIN, flown_experiment, opened
     from heli_twin.reanalysis.resolve import TOLERANCE, resolve, write
+    from heli_twin.whole_file import free_path
 
     log = opened(parsed.log)
     resolution = resolve(log, parsed.overrides)
@@ -47,19 +48,10 @@ def run(parsed: Namespace) -> int:
     with np.errstate(all="ignore"):
         report(log, resolution)
     if differs or parsed.log_dir:
-        path = _free((parsed.log_dir or parsed.log.parent) / f"{parsed.log.stem}.resolved.mcap")
+        path = free_path((parsed.log_dir or parsed.log.parent) / f"{parsed.log.stem}.resolved.mcap")
         write(log, resolution, path)
         print(f"wrote {path}: inputs and plans are new, all else is as flown")
     return 0 if differs or abs(resolution.difference).max() <= TOLERANCE else 1
-
-
-def _free(path: Path) -> Path:
-    """The path, or one with a number that no file has."""
-    found, count = path, 1
-    while found.exists() or found.with_name(found.name + ".part").exists():
-        count += 1
-        found = path.with_name(f"{path.stem}-{count}.mcap")
-    return found
 
 
 def report(log: "Log", resolution: "Resolution") -> None:

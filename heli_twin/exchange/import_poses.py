@@ -16,9 +16,8 @@ from controllers.trajectories.hover import Hover
 from heli_twin.exchange.pose_csv import Column, ImportRefused, Recording, read_recording
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import load
-from heli_twin.experiment.tree import canonical_json, toml_of
-from heli_twin.logbook import ORIGIN, planned_path, provenance
-from heli_twin.recording import Attachment, LogError, Recorder
+from heli_twin.logbook import ORIGIN, begin_log, planned_path
+from heli_twin.recording import LogError, Recorder
 
 
 def import_poses(path: Path, columns: Mapping[str, Column], out: Path, overrides: Sequence[str] = ()) -> Recording:
@@ -47,12 +46,7 @@ def import_poses(path: Path, columns: Mapping[str, Column], out: Path, overrides
         x, y, z = recording.position[0].tolist()
         experiment = replace(experiment, trajectory=Hover(x=x, y=y, height=max(z, 0.01)))
     experiment = replace(experiment, duration=max(end / 1e9, experiment.controller.period))
-    recorder = Recorder(
-        out,
-        experiment=canonical_json(experiment),
-        metadata=provenance() | {ORIGIN: "import", "source": path.name},
-        attachments=[Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())],
-    )
+    recorder = begin_log(out, experiment, metadata={ORIGIN: "import", "source": path.name})
     with recorder, threadpool_limits(limits=1):
         recorder.event(0, "info", "import", f"{len(recording.stamp)} poses, {recording.lost} rows without one")
         if planned:

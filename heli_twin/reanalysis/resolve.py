@@ -22,10 +22,9 @@ from controllers.signals import Array, Command, Estimate, Pose, Reference, nanos
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import changed
-from heli_twin.experiment.tree import canonical_json, toml_of
 from heli_twin.lab.plant import Air, Truth
-from heli_twin.logbook import ORIGIN, flown_experiment, provenance
-from heli_twin.recording import Attachment, Log, LogError, Recorder
+from heli_twin.logbook import ORIGIN, begin_log, flown_experiment
+from heli_twin.recording import Log, LogError
 from heli_twin.recording.log import Times
 
 TOLERANCE = 1e-4
@@ -151,12 +150,7 @@ def write(log: Log, resolution: Resolution, path: Path) -> None:
         LogError: The log exists already or cannot be written.
     """
     experiment = resolution.experiment
-    recorder = Recorder(
-        path,
-        experiment=canonical_json(experiment),
-        metadata=provenance() | {ORIGIN: "resolve", "resolved_from": log.digest},
-        attachments=[Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())],
-    )
+    recorder = begin_log(path, experiment, metadata={ORIGIN: "resolve", "resolved_from": log.digest})
     with recorder:
         for t, points in log.reference_paths:
             recorder.reference_path(t, points)
