@@ -46,9 +46,7 @@ def run(parsed: Namespace) -> int:
 
 def about(log: "Log") -> dict[str, Any]:
     """Everything that `info` tells of a log, ready for JSON."""
-    import shlex
-
-    from heli_twin.experiment.differences import fly_command
+    from heli_twin.experiment.differences import fly_words
     from heli_twin.experiment.tree import ExperimentError, canonical_json
     from heli_twin.logbook import flown_experiment
     from heli_twin.metrics.tracking import metrics
@@ -56,7 +54,7 @@ def about(log: "Log") -> dict[str, Any]:
     experiment = words = problem = None
     try:
         text = canonical_json(flown_experiment(log))
-        experiment, words = json.loads(text), shlex.split(fly_command(text))[2:]
+        experiment, words = json.loads(text), fly_words(text)
     except ExperimentError as error:
         problem = str(error)
     return {

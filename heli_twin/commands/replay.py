@@ -5,6 +5,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
 from heli_twin.commands import command
+from heli_twin.pasteable import pasteable
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -38,7 +39,7 @@ def run(parsed: Namespace) -> int:
     where = parsed.save or ("connect" if parsed.connect else "spawn")
     flights([path for path in (parsed.log, parsed.other) if path]).show(sink(where))
     if parsed.save:
-        print(f"wrote {parsed.save}: open it with `rerun {parsed.save}`")
+        print(f"wrote {parsed.save}: open it with `{pasteable('rerun', Path(parsed.save))}`")
     return 0
 
 

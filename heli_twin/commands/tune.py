@@ -1,7 +1,6 @@
 """`heli-twin tune`: find a controller's gains on the twin."""
 
 import json
-import shlex
 import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from functools import partial
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from heli_twin.commands import add_experiment, command, experiment_arguments
 from heli_twin.errors import HeliTwinError
+from heli_twin.pasteable import pasteable
 
 if TYPE_CHECKING:
     from heli_twin.experiment import Experiment
@@ -53,9 +53,7 @@ def run(parsed: Namespace) -> int:
         raise HeliTwinError(f"--budget {budget} leaves nothing to try: 1 judges the start, {BUDGET} is the default")
     source, overrides = experiment_arguments(parsed)
     found = _tuned(load(source, [f"controller={KINDS[parsed.controller]}", *overrides]), budget)
-    text = toml(
-        found, shlex.join(["heli-twin", "tune", parsed.controller, *parsed.experiment, "--budget", str(budget)])
-    )
+    text = toml(found, pasteable("heli-twin", "tune", parsed.controller, *parsed.experiment, "--budget", budget))
     if parsed.save:
         try:
             parsed.save.parent.mkdir(parents=True, exist_ok=True)

@@ -2,7 +2,6 @@
 
 import json
 import reprlib
-import shlex
 from collections.abc import Iterator
 from functools import cache
 from typing import Any, NamedTuple
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import load, presets
 from heli_twin.experiment.tree import Tree, canonical_json, tree_of
+from heli_twin.pasteable import pasteable
 
 
 class Change(NamedTuple):
@@ -74,19 +74,22 @@ def fly_command(experiment: str) -> str:
     Args:
         experiment: Canonical JSON.
     """
+    return pasteable("heli-twin", "fly", *fly_words(experiment))
+
+
+def fly_words(experiment: str) -> list[str]:
+    """The arguments of `fly_command`: a preset other than the lab, and the changes of fields."""
     tree = json.loads(experiment)
-    commands = [f"heli-twin fly{name}{_words(base, tree)}" for name, base in _bases().items()]
-    return min(commands, key=len)
+    candidates = [
+        [name] * (name != "lab") + [f"{change.path}={_text(change.after)}" for change in changes(base, tree)]
+        for name, base in _bases().items()
+    ]
+    return min(candidates, key=lambda words: len(pasteable(*words)))
 
 
 @cache
 def _bases() -> dict[str, Tree]:
-    return {"" if name == "lab" else f" {name}": json.loads(canonical_json(load(name))) for name in presets()}
-
-
-def _words(base: Tree, tree: Tree) -> str:
-    words = [f"{change.path}={_text(change.after)}" for change in changes(base, tree)]
-    return "".join(" " + shlex.quote(word) for word in words)
+    return {name: json.loads(canonical_json(load(name))) for name in presets()}
 
 
 def _defaults(path: str, kind: str) -> Tree:

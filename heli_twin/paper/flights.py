@@ -13,6 +13,7 @@ from heli_twin.experiment.text import load
 from heli_twin.experiment.tree import canonical_json
 from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.metrics.tracking import SETTLING
+from heli_twin.pasteable import pasteable
 from heli_twin.recording import Log, read_log
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.workers.task import Flown, Task
@@ -49,7 +50,7 @@ class Case(NamedTuple):
     def command(self, duration: float) -> str:
         """What flies the first of them."""
         shorter = () if duration == load(self.preset).duration else (f"duration={duration:g}",)
-        return " ".join(["heli-twin fly", *([self.preset] if self.preset else []), *self.changes, *shorter])
+        return pasteable("heli-twin", "fly", *([self.preset] if self.preset else []), *self.changes, *shorter)
 
 
 def weak(share: float, kind: str = "") -> str:

@@ -10,6 +10,7 @@ from heli_twin.paper.claims import CM
 from heli_twin.paper.comparison import DEGREES
 from heli_twin.paper.flights import CASES, Flights
 from heli_twin.paper.verdicts import Claim
+from heli_twin.pasteable import pasteable
 from heli_twin.reporting.figure import Figure, Table
 from heli_twin.reporting.html_page import Section, html_table
 from heli_twin.reporting.words import number
@@ -41,8 +42,8 @@ def figure_section(figure: Figure, svg: Path, cases: Sequence[str] = (), flights
 def _commands(flights: Flights, case: str) -> str:
     log = flights.path(case)
     return (
-        f"<tr><td>{_(CASES[case].label)}</td><td>replay <code>heli-twin replay {_(str(log))}</code></td>"
-        f"<td>fly again <code>heli-twin refly {_(str(log))}</code></td></tr>"
+        f"<tr><td>{_(CASES[case].label)}</td><td>replay <code>{_(pasteable('heli-twin', 'replay', log))}</code></td>"
+        f"<td>fly again <code>{_(pasteable('heli-twin', 'refly', log))}</code></td></tr>"
     )
 
 

@@ -16,6 +16,7 @@ from heli_twin.paper.flights import CASES, Flights, fly_all, identification_task
 from heli_twin.paper.gains import gains_table
 from heli_twin.paper.page import STYLE, claims_section, figure_section, flown_table
 from heli_twin.paper.verdicts import Claim
+from heli_twin.pasteable import pasteable
 from heli_twin.recording import read_log
 from heli_twin.recording.log import Timings
 from heli_twin.reporting.figure import Figure, Table
@@ -139,7 +140,7 @@ def parameters_table(out: Path, found: Identified) -> Table:
     ]
     sentence = (
         f"From {found.seconds:.0f} s of {len(found.logs)} flights of doublets: "
-        f"heli-twin identify {out / 'logs'}/identify-*.mcap fits them again."
+        f"{pasteable('heli-twin', 'identify', out / 'logs')}/identify-*.mcap fits them again."
     )
     return Table("Identified parameters", sentence, ["", "paper (27)", "ours, with 95 % interval", "verdict"], rows)
 

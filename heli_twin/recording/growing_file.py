@@ -7,6 +7,7 @@ from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 
+from heli_twin.pasteable import pasteable
 from heli_twin.recording.schema import LogError
 
 _LOGGER = logging.getLogger(__name__)
@@ -99,7 +100,8 @@ class LogFile:
             " the flight goes on without it"
         )
         if self.part.exists():
-            self.trouble += f"; put that right, then `heli-twin recover {self.part}` keeps what was written until then"
+            command = pasteable("heli-twin", "recover", self.part)
+            self.trouble += f"; put that right, then `{command}` keeps what was written until then"
         _LOGGER.warning("%s", self.trouble)
 
 

@@ -19,6 +19,7 @@ from mcap.stream_reader import get_chunk_data_stream
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from heli_twin.pasteable import pasteable
 from heli_twin.recording.log import Attachment, Log, Messages
 from heli_twin.recording.schema import EXPERIMENT, FORMAT, LogError, unsealed
 
@@ -79,9 +80,8 @@ def _reading(name: str) -> Generator[None]:
     except OSError as error:
         raise LogError(f"{name} cannot be opened: {error.strerror or error}") from error
     except DAMAGE as error:
-        raise LogError(
-            f"{name} is damaged ({error or type(error).__name__}): try `heli-twin recover {name}`"
-        ) from error
+        command = pasteable("heli-twin", "recover", Path(name))
+        raise LogError(f"{name} is damaged ({error or type(error).__name__}): try `{command}`") from error
 
 
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, OverflowError, MemoryError)

@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from heli_twin.pasteable import pasteable
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import Run
 from heli_twin.studies.wide_table import WideTable, listed
@@ -35,7 +36,8 @@ class Store:
     def __init__(self, folder: Path, *, write: bool = False) -> None:
         self.path = folder / "results.sqlite"
         if not write and not self.path.exists():
-            raise StudyError(f"{folder} holds no study: run one with `heli-twin study run FILE --out {folder}`")
+            again = pasteable("heli-twin", "study", "run", "FILE", "--out", folder)
+            raise StudyError(f"{folder} holds no study: run one with `{again}`")
         self._lock = _lock(folder) if write else None
         try:
             self._db = sqlite3.connect(self.path, isolation_level=None)

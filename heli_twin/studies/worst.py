@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from heli_twin.experiment.differences import fly_command
 from heli_twin.experiment.tree import canonical_json, experiment_of
+from heli_twin.pasteable import pasteable
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import varied
@@ -38,7 +39,7 @@ def worst_runs(folder: Path, number: int = 10) -> list[Bad]:
 def command_of(folder: Path, run_id: str) -> str:
     """What shows a run again: its log if it was kept, else the flight."""
     log = folder / "logs" / f"{run_id}.mcap"
-    return f"heli-twin replay {log}" if log.exists() else fly_command(experiment_by_id(folder, run_id))
+    return pasteable("heli-twin", "replay", log) if log.exists() else fly_command(experiment_by_id(folder, run_id))
 
 
 def experiment_by_id(folder: Path, start: str) -> str:

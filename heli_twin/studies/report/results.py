@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_twin.pasteable import pasteable
 from heli_twin.reporting.figure import Array
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.results import read_results
@@ -84,7 +85,7 @@ class Results:
 
     def command(self, row: int) -> str:
         """What flies a row again."""
-        return f"heli-twin study fly {self.folder} {self['id'][row]}"
+        return pasteable("heli-twin", "study", "fly", self.folder, self["id"][row])
 
 
 def results_of(folder: Path) -> Results:
