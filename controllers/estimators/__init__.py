@@ -1,4 +1,4 @@
-"""From poses to states. One file here is one estimator; it is found by its `kind` and needs no registry."""
+"""Estimators: from poses to states. One file here is one estimator; it is found by its `kind`, without a registry."""
 
 from typing import Protocol
 
@@ -7,10 +7,10 @@ from controllers.signals import Array, Estimate, Pose
 
 
 class Estimator(Protocol):
-    """An estimator in flight. It dies with the flight."""
+    """The estimator of one flight."""
 
     def receive(self, now: int, pose: Pose) -> None:
-        """Take in a pose that arrived at `now` (ns)."""
+        """Use a pose that arrived at `now` (ns), or refuse it."""
         ...
 
     def command_sent(self, now: int, u: Array) -> None:
@@ -18,18 +18,22 @@ class Estimator(Protocol):
         ...
 
     def estimate(self, now: int) -> Estimate | None:
-        """The state to control from, or None before the first usable pose."""
+        """The state to control from at `now` (ns); None before the first usable pose."""
         ...
 
 
 class EstimatorSpec(Protocol):
-    """An estimator as a value. A frozen dataclass with a literal `kind`."""
+    """The value that says which estimator to use: a frozen dataclass with a literal `kind`."""
 
     @property
     def lead(self) -> float:
-        """How far ahead of the control time its estimates hold, s."""
+        """Time from the control step to the moment its estimates hold for, s."""
         ...
 
     def start(self, model: Model) -> Estimator:
-        """An estimator for one flight that believes in `model`."""
+        """Make the estimator of one flight.
+
+        Args:
+            model: The believed helicopter.
+        """
         ...

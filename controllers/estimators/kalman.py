@@ -3,24 +3,25 @@
 from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from math import atan2, cos, isfinite, pi, sin
+from math import atan2, cos, isfinite, sin
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.model import Input, Model, State, simulator
-from controllers.signals import Array, Estimate, Pose
+from controllers.rotations import wrap_angle
+from controllers.signals import Array, Estimate, Pose, nanoseconds
 
 
 @dataclass(frozen=True, slots=True)
 class Kalman:
     """Per axis x y z yaw: position, velocity and a disturbance acceleration, driven by the model and the commands.
 
-    `position_noise` is the cameras' white and slow error together. The walks of velocity and yaw rate are those with
-    which the filter knows its own error in the lab: NEES 6.8 where 8 is consistent, on hover and circle (`heli-twin
-    reestimate`). Five refused poses in a row are 50 ms: in six times the lab's wind, waiting for twenty lets the
-    filter fly on a motion that is no longer true.
+    `position_noise` covers the white and the slow error of the cameras. With these walks of velocity and yaw rate the
+    filter's covariance is consistent in the lab: the NEES is 6.8 on hover and circle, where 8 is expected (`heli-twin
+    reestimate`). Five refused poses in a row are 50 ms: in six times the lab's wind, a filter that waits for twenty
+    predicts from a velocity that is no longer true.
     """
 
     kind: Literal["kalman"] = "kalman"
@@ -46,11 +47,11 @@ class Kalman:
 
 
 class KalmanFilter:
-    """One flight's filter: the state at the newest pose, its covariance and the commands since."""
+    """The filter of one flight: the state at the newest fused pose, its covariance, and the commands sent since."""
 
     def __init__(self, spec: Kalman, model: Model) -> None:
         self._spec = spec
-        self._delay = round(spec.command_delay * 1e9)
+        self._delay = nanoseconds(spec.command_delay)
         self._R = np.array([spec.position_noise] * 3 + [spec.yaw_noise]) ** 2
         # [position, velocity, disturbance]' = rates [...] on each axis. Drag is taken along the world axes here: its
         # share in the covariance of one frame is below 1 %.
@@ -71,8 +72,8 @@ class KalmanFilter:
         self._stamp, self._age = -1, 0
         self._rejected, self._rejected_in_a_row = 0, 0
         self.innovation: tuple[Array, Array] | None = None
-        """Of the last pose that was compared with a prediction, refused or not: measured minus predicted x y z yaw
-        (4,), and the variance (4,) of that."""
+        """Of the last pose that was compared with a prediction, fused or refused: measured minus predicted x y z yaw
+        (4,), and its variance (4,)."""
 
     def command_sent(self, now: int, u: Array) -> None:
         """Remember the input u (4,) decided at `now` (ns): it acts `command_delay` later."""
@@ -80,7 +81,14 @@ class KalmanFilter:
         self._acting.append((now + self._delay, (ux, uy, uz, uyaw)))
 
     def receive(self, now: int, pose: Pose) -> None:
-        """Fuse a pose at its capture time; one that is stale, not finite or outside the gate is refused."""
+        """Fuse a pose at its capture time.
+
+        A pose that is stale, non-finite or outside the gate is refused.
+
+        Args:
+            now: When it arrived, ns.
+            pose: What the cameras measured.
+        """
         self.innovation = None
         x, y, z = pose.position.tolist()
         yaw = heading(pose.quat_wxyz)
@@ -95,7 +103,16 @@ class KalmanFilter:
         self._age = now - pose.stamp
 
     def estimate(self, now: int) -> Estimate | None:
-        """The state when the next command acts; without roll-forward, the last seen one labelled `now`."""
+        """The state at the time when a command sent at `now` acts.
+
+        Without roll-forward, it is the state at the newest pose's capture, stamped `now`.
+
+        Args:
+            now: Control time, ns.
+
+        Returns:
+            The estimate; None before the first usable pose.
+        """
         if self._x is None:
             return None
         stamp = now + self._delay if self._spec.roll_forward else now
@@ -113,7 +130,7 @@ class KalmanFilter:
         self._x, self._stamp, self._d = x, stamp, (0.0, 0.0, 0.0, 0.0)
         self._P = np.zeros((4, 3, 3))
         self._P[:, 0, 0] = self._R
-        # Nothing is sure of the motion: 1 m/s, 3 rad/s, and 0.3 m/s^2 or 3 rad/s^2 of disturbance.
+        # The motion is unknown: 1 m/s, 3 rad/s, and 0.3 m/s^2 or 3 rad/s^2 of disturbance, standard deviations.
         self._P[:, 1, 1] = [1.0, 1.0, 1.0, 9.0]
         self._P[:, 2, 2] = [0.09, 0.09, 0.09, 9.0]
 
@@ -121,8 +138,8 @@ class KalmanFilter:
         assert self._x is not None
         x = self._predict(self._x, self._stamp, stamp)
         P = self._spread((stamp - self._stamp) * 1e-9)
-        turn = (measured[3] - x[3] + pi) % (2 * pi) - pi
-        innovation = np.array([measured[0] - x[0], measured[1] - x[1], measured[2] - x[2], turn])
+        yaw_error = wrap_angle(measured[3] - x[3])
+        innovation = np.array([measured[0] - x[0], measured[1] - x[1], measured[2] - x[2], yaw_error])
         S = P[:, 0, 0] + self._R
         self.innovation = innovation, S
         if (innovation * innovation > self._spec.gate * S).any():
@@ -130,7 +147,7 @@ class KalmanFilter:
             self._rejected_in_a_row += 1
             if self._rejected_in_a_row >= self._spec.reset_after:
                 self._rejected_in_a_row = 0
-                # The motion is still the best guess there is; only, nothing is sure any more.
+                # The predicted motion is still the best guess, but its covariance is not valid any more.
                 self._restart(stamp, _corrected(x, (*innovation.tolist(),), (0.0, 0.0, 0.0, 0.0)))
             return
         self._rejected_in_a_row = 0
@@ -145,7 +162,7 @@ class KalmanFilter:
             self._acting.popleft()
 
     def _predict(self, x: State, start: int, until: int) -> State:
-        """Fly the believed model from `start` to `until` under the commands that act in between."""
+        """Integrate the believed model from `start` to `until` (ns) under the commands that act in between."""
         pieces = self._acting
         for i, (since, u) in enumerate(pieces):
             end = min(until, pieces[i + 1][0]) if i + 1 < len(pieces) else until
@@ -155,18 +172,21 @@ class KalmanFilter:
         return x
 
     def _spread(self, dt: float) -> Array:
-        """The covariances (4, 3, 3), x = [position, velocity, disturbance], `dt` seconds on."""
+        """The covariances (4, 3, 3) of [position, velocity, disturbance], predicted `dt` seconds ahead."""
         F, FT, walked = self._transition(dt)
         return F @ self._P @ FT + walked
 
     def _transition_over(self, dt: float) -> tuple[Array, Array, Array]:
-        """F (4, 3, 3), its transposes, and the covariances (4, 3, 3) that `dt` seconds add."""
+        """F (4, 3, 3) over `dt` seconds, its transposes, and the process noise (4, 3, 3) that they add."""
         F = np.eye(3) + dt * self._rates + (dt * dt) * self._curve
         return F, F.transpose(0, 2, 1), dt * self._walk
 
 
 def heading(quat_wxyz: Array) -> float:
-    """Yaw of an attitude (4,), rad in (-pi, pi]; NaN where it is not a rotation."""
+    """The yaw of an attitude (4,), scalar first, rad in (-pi, pi]; NaN where the quaternion is far from unit length.
+
+    Unlike `yaw_of`, it accepts a quaternion of any norm from 0.7 to 1.4, as trackers send them.
+    """
     w, x, y, z = quat_wxyz.tolist()
     norm = w * w + x * x + y * y + z * z
     if not 0.5 < norm < 2.0:
@@ -175,7 +195,13 @@ def heading(quat_wxyz: Array) -> float:
 
 
 def _corrected(x: State, position: Input, velocity_world: Input) -> State:
-    """Add corrections of x y z yaw and of their rates; a corrected yaw does not turn the velocity in the world."""
+    """Add corrections (4,) of x y z yaw and of their rates; the corrected yaw leaves the velocity in the world as is.
+
+    Args:
+        x: State, velocity in the body frame.
+        position: Corrections of x y z (m) and yaw (rad).
+        velocity_world: Corrections of their rates, world frame, m/s and rad/s.
+    """
     c, s = cos(x[3]), sin(x[3])
     wx = c * x[4] - s * x[5] + velocity_world[0]
     wy = s * x[4] + c * x[5] + velocity_world[1]

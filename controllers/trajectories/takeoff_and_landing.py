@@ -31,7 +31,7 @@ class TakeoffAndLanding:
     floor: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity when it stands")] = 0.045
 
     def flat(self, t: Array) -> FlatOutput:
-        """The trajectory at the pace of a clock that starts and stops at rest, lowered to the floor at both ends."""
+        """The flight at the pace of a clock that starts and stops at rest, lowered to the floor at both ends."""
         pace = smooth_ride(t - self.climb, self.airborne, self.ramp)
         inner = paced(self.flight.flat(pace[0]), pace)
         first, last = self.flight.flat(np.array([0.0, self.airborne])).z[:, 2]

@@ -72,9 +72,9 @@ class Lab:
 
     def errors(self, since=0.0):
         """Estimate minus truth at the moment the estimate holds for, (n, 8)."""
-        found = [e for t, e in self.estimates.items() if e and t >= since * 1e9 and e.stamp in self.truth]
-        assert found
-        return np.array([e.x - self.truth[e.stamp] for e in found])
+        held = [e for t, e in self.estimates.items() if e and t >= since * 1e9 and e.stamp in self.truth]
+        assert held
+        return np.array([e.x - self.truth[e.stamp] for e in held])
 
 
 @pytest.mark.parametrize("latency", [0, 12 * MS, 45 * MS])
@@ -204,10 +204,10 @@ def test_a_pose_that_is_none_is_refused_and_counted(bad):
         for f in (kalman, undisturbed):
             f.receive(10 * k * MS, GOOD._replace(stamp=10 * k * MS))
         kalman.receive(10 * k * MS, bad._replace(stamp=(10 * k + 1) * MS))
-    found, expected = kalman.estimate(50 * MS), undisturbed.estimate(50 * MS)
-    assert found.rejected == 5
+    estimate, expected = kalman.estimate(50 * MS), undisturbed.estimate(50 * MS)
+    assert estimate.rejected == 5
     assert expected.rejected == 0
-    for value, wanted in zip(found._replace(rejected=0), expected, strict=True):
+    for value, wanted in zip(estimate._replace(rejected=0), expected, strict=True):
         np.testing.assert_array_equal(value, wanted)
 
 
@@ -250,14 +250,14 @@ def test_after_so_many_refused_poses_in_a_row_the_place_is_believed_and_the_moti
         assert abs(kalman.estimate(now).x[0] - AT_REST[0]) < 0.01
         now += 10 * MS
         kalman.receive(now, pose_of(elsewhere, now))
-    found = kalman.estimate(now)
-    assert found.rejected == reset_after
-    assert found.pose_stamp == now
+    estimate = kalman.estimate(now)
+    assert estimate.rejected == reset_after
+    assert estimate.pose_stamp == now
     # It is where it was just seen, with the turns it has made. It turns on, for the disturbance balances drag.
-    np.testing.assert_allclose(found.x[:4], elsewhere[:4], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(found.x[4:7], 0.0, rtol=0, atol=1e-9)
-    assert found.x[7] == pytest.approx(turning, rel=1e-9)
-    assert not found.disturbance.any()
+    np.testing.assert_allclose(estimate.x[:4], elsewhere[:4], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(estimate.x[4:7], 0.0, rtol=0, atol=1e-9)
+    assert estimate.x[7] == pytest.approx(turning, rel=1e-9)
+    assert not estimate.disturbance.any()
 
 
 def test_one_good_pose_starts_the_count_anew():
@@ -265,9 +265,9 @@ def test_one_good_pose_starts_the_count_anew():
     for k in range(60):
         leap = 0.5 if k % 3 else 0.0
         kalman.receive(10 * k * MS, pose_of((AT_REST[0] + leap, *AT_REST[1:]), 10 * k * MS))
-    found = kalman.estimate(600 * MS)
-    assert found.rejected == 40
-    assert found.x[0] == pytest.approx(AT_REST[0], abs=1e-6)
+    estimate = kalman.estimate(600 * MS)
+    assert estimate.rejected == 40
+    assert estimate.x[0] == pytest.approx(AT_REST[0], abs=1e-6)
 
 
 @pytest.mark.parametrize("age", [0, 1, 10 * MS])
@@ -301,12 +301,12 @@ def test_errors_are_as_large_as_the_filter_says():
             place, speed = place + 0.01 * speed + 0.5e-4 * push, speed + 0.01 * push
             speed, push = speed + walk * rng.standard_normal(4), push + drift * rng.standard_normal(4)
         place, speed, push = before
-        found = kalman.estimate(390 * MS)
-        c, s = cos(found.x[3]), sin(found.x[3])
-        vx, vy = found.x[4:6]
-        rates = np.array([c * vx - s * vy, s * vx + c * vy, *found.x[6:]])
-        error = np.stack([found.x[:4] - place, rates - speed, found.disturbance - push], axis=1)
-        ratios.append(error**2 / found.variance)
+        estimate = kalman.estimate(390 * MS)
+        c, s = cos(estimate.x[3]), sin(estimate.x[3])
+        vx, vy = estimate.x[4:6]
+        rates = np.array([c * vx - s * vy, s * vx + c * vy, *estimate.x[6:]])
+        error = np.stack([estimate.x[:4] - place, rates - speed, estimate.disturbance - push], axis=1)
+        ratios.append(error**2 / estimate.variance)
     total = np.sum(ratios, axis=0)
     # 12 sums of 300 squared unit normals each: chi^2, at 0.1 % on either side.
     assert (total > chi2.ppf(0.001, runs)).all()
