@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from heli_twin.commands import command
 
 if TYPE_CHECKING:
-    from heli_twin.studies.campaign import Progress as Count
+    from heli_twin.studies.campaign import StudyProgress
     from heli_twin.studies.plan import Plan
     from heli_twin.studies.study import Study
     from heli_twin.workers.engine import Backend
@@ -125,7 +125,7 @@ def _backend(parsed: Namespace) -> "Callable[[Plan, float], Backend]":
     return there
 
 
-def _summary(count: "Count", out: Path) -> str:
+def _summary(count: "StudyProgress", out: Path) -> str:
     kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(count.failed.items()))
     return f"{count.done} runs, {count.flown} of them flown now{f' ({kinds})' if kinds else ''}; results in {out}"
 
@@ -151,7 +151,7 @@ class Watch:
         self._task = self._bar.add_task("", total=None, rate="", failed="")
         self._began = self._said = monotonic()
 
-    def __call__(self, count: "Count") -> None:
+    def __call__(self, count: "StudyProgress") -> None:
         """Show how far it is."""
         now = monotonic()
         rate = count.flown / max(now - self._began, 1e-3)

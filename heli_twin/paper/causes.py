@@ -1,4 +1,4 @@
-"""Why the comparison comes out as it does: each suspected cause is taken away, and the effect measured again."""
+"""Causes of the comparison's results: each suspected cause is removed, and the effect is measured again."""
 
 from collections.abc import Callable
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from heli_twin.paper.claims import CM, largest
 from heli_twin.paper.comparison import DEGREES
-from heli_twin.paper.flights import WEAK, Flights, weak
+from heli_twin.paper.flights import THRUST_DEFICITS, Flights, weak
 from heli_twin.paper.verdicts import explains
 from heli_twin.reporting.figure import Table
 from heli_twin.reporting.words import number
 
 
 def causes(flights: Flights) -> Table:
-    """Effects, suspected causes, what taking them away did, and whether that explains the effect."""
+    """A table of effects, suspected causes, the effects without them, and whether a cause explains its effect."""
     rows: list[list[str]] = []
     plane = partial_gap(flights, _plane, CM, "cm")
     effect = "MPC errs more in the plane than PID with the same reference inputs, rms"
@@ -34,10 +34,10 @@ def causes(flights: Flights) -> Table:
     noisy = "MPC errs more in heading than PID with feed-forward, rms"
     exact = ("circle_exact", "circle_flat_exact")
     rows.append(yaw(noisy, "noise of the cameras' orientation", ("circle", "circle_flat"), exact))
-    turned = "PID by feedback only errs more in heading than MPC, rms"
-    rows.append(yaw(turned, "a heading that turns", ("circle_pid", "circle"), ("fixed_pid", "fixed")))
+    lagging = "PID by feedback only errs more in heading than MPC, rms"
+    rows.append(yaw(lagging, "a heading that turns", ("circle_pid", "circle"), ("fixed_pid", "fixed")))
     height = partial_gap(flights, lambda f, case: f.rms(case, "z"), CM, "cm")
-    for share in WEAK:
+    for share in THRUST_DEFICITS:
         low = f"MPC errs more in height than PID, thrust {100 * share:g} % low, rms"
         rows.append(
             height(

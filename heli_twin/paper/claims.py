@@ -15,10 +15,10 @@ from heli_twin.metrics.tracking import milliseconds
 from heli_twin.paper.comparison import DEGREES, comparison, judged
 from heli_twin.paper.flights import CASES, Flights
 from heli_twin.paper.verdicts import (
-    APPROXIMATELY,
-    CLOSE,
-    LITTLE,
-    ORDER,
+    APPROXIMATE_FACTOR,
+    IDENTIFIED_FACTOR,
+    SAME_ORDER_FACTOR,
+    SMALL_HEADING_RAD,
     Claim,
     Verdict,
     all_of,
@@ -32,13 +32,14 @@ from heli_twin.reporting.intervals import Interval, mean_interval, median_interv
 from heli_twin.reporting.words import interval, number, percent
 
 CM = 100.0
-SIMULATED_CIRCLE = (0.025, 0.025)
+"""Centimetres in a metre."""
+SIMULATED_MAX_M = (0.025, 0.025)
 """m, x and y: "approximately 2.5 cm"."""
-HOVER, CIRCLE = (0.055, 0.04), (0.04, 0.085)
+HOVER_MAX_M, CIRCLE_MAX_M = (0.055, 0.04), (0.04, 0.085)
 """m, x and y: largest deviations on the testbed."""
 SOLVE_MS = (5.0, 7.0)
 PERIOD_MS = 20.0
-FLOWN = ("hover", "circle", "pirouette", "wheel", "turning")
+TESTBED_CASES = ("hover", "circle", "pirouette", "wheel", "turning")
 
 
 def claims(flights: Flights, found: Identified | None) -> Iterator[Claim]:
@@ -59,22 +60,22 @@ def _simulation(flights: Flights) -> Iterator[Claim]:
     cases = ("simulated", "simulated_undelayed")
     x, y = (largest(flights, cases[0], axis) for axis in "xy")
     undelayed = [number(CM * largest(flights, cases[1], axis).value, 2) for axis in "xy"]
-    verdict = all_of([within(a, paper, APPROXIMATELY) for a, paper in zip((x, y), SIMULATED_CIRCLE, strict=True)])
+    verdict = all_of([within(a, paper, APPROXIMATE_FACTOR) for a, paper in zip((x, y), SIMULATED_MAX_M, strict=True)])
     why = (
         "With poses 40 ms old taken for new, a reading: the paper does not print what its simulation contained; "
         f"without any delay the same one deviates by {' / '.join(undelayed)} cm."
     )
     text = "Fig. 3, simulated circle: largest deviation in x / y"
-    yield judged(flights, cases, Claim(text, _pair(SIMULATED_CIRCLE), _two(x, y), verdict, why))
+    yield judged(flights, cases, Claim(text, _pair(SIMULATED_MAX_M), _two(x, y), verdict, why))
     yield _heading(flights, "simulated", "Fig. 3, simulated circle: heading tracked very well")
 
 
 def _testbed(flights: Flights) -> Iterator[Claim]:
-    yield _maxima(flights, "hover", HOVER, "Fig. 4, hover: largest deviation in x / y")
+    yield _maxima(flights, "hover", HOVER_MAX_M, "Fig. 4, hover: largest deviation in x / y")
     yield _offset(flights)
-    yield _maxima(flights, "circle", CIRCLE, "Fig. 5, circle: largest deviation in x / y")
+    yield _maxima(flights, "circle", CIRCLE_MAX_M, "Fig. 5, circle: largest deviation in x / y")
     yield _heading(flights, "circle", "Fig. 5, circle: heading tracked very well")
-    cases = [name + tail for name in FLOWN for tail in ("", "_pid")]
+    cases = [name + tail for name in TESTBED_CASES for tail in ("", "_pid")]
     rate = wilson(sum(map(flights.failed, cases)), sum(len(flights.rows[case]) for case in cases))
     yield Claim(
         "Hover, circle, pirouette, ferris wheel and pirouette on a circle are flown",
@@ -87,11 +88,11 @@ def _testbed(flights: Flights) -> Iterator[Claim]:
 
 def _maxima(flights: Flights, case: str, paper: tuple[float, float], text: str) -> Claim:
     x, y = (largest(flights, case, axis) for axis in "xy")
-    verdict = all_of([within(x, paper[0], ORDER), within(y, paper[1], ORDER)])
+    verdict = all_of([within(x, paper[0], SAME_ORDER_FACTOR), within(y, paper[1], SAME_ORDER_FACTOR)])
     ratios = " and ".join(number(a.value / b, 2) for a, b in zip((x, y), paper, strict=True))
     why = (
         f"Median over {x.n} flights against the paper's one, {ratios} times its numbers; "
-        f"intervals within a factor of {ORDER:g} count as the same order."
+        f"intervals within a factor of {SAME_ORDER_FACTOR:g} count as the same order."
     )
     return judged(flights, [case], Claim(text, _pair(paper), _two(x, y), verdict, why))
 
@@ -100,10 +101,10 @@ def _heading(flights: Flights, case: str, text: str) -> Claim:
     yaw = largest(flights, case, "yaw")
     bias, spread = (DEGREES * float(flights.values(case, f"{name}.yaw").mean()) for name in ("bias", "spread"))
     why = (
-        f"The paper prints no number; below {DEGREES * LITTLE:g} deg at all times is taken for it. "
+        f"The paper prints no number; below {DEGREES * SMALL_HEADING_RAD:g} deg at all times is taken for it. "
         f"On average {bias:.2f} deg off, with a scatter of {spread:.2f} deg in flight."
     )
-    claim = Claim(text, "very well", interval(yaw, DEGREES, "deg"), below(yaw, LITTLE), why)
+    claim = Claim(text, "very well", interval(yaw, DEGREES, "deg"), below(yaw, SMALL_HEADING_RAD), why)
     return judged(flights, [case], claim)
 
 
@@ -127,7 +128,7 @@ def parameter_rows(found: Identified) -> Iterator[tuple[str, float, Parameter, V
     for name, p in found.parameters.items():
         paper = getattr(Model(), name)
         # A damping of the wrong sign is not found, whatever its size.
-        yield name, paper, p, within(exact(p.value * float(np.sign(paper))), abs(paper), CLOSE)
+        yield name, paper, p, within(exact(p.value * float(np.sign(paper))), abs(paper), IDENTIFIED_FACTOR)
 
 
 def _parameters(found: Identified | None) -> Claim:
@@ -138,7 +139,8 @@ def _parameters(found: Identified | None) -> Claim:
     off = {name: abs(p.value / paper - 1.0) for name, paper, p, _ in rows}
     worst = max(off, key=lambda name: off[name])
     ours = f"furthest: {worst}, {number(100 * off[worst], 2)} % off"
-    why = f"The twin has (27), poses and commands of its flights find it; {100 * (CLOSE - 1):.2g} % counts as found."
+    near = f"{100 * (IDENTIFIED_FACTOR - 1):.2g} % counts as found"
+    why = f"The twin has (27), poses and commands of its flights find it; {near}."
     return Claim(text, "(27)", ours, all_of([row[3] for row in rows]), why)
 
 

@@ -7,18 +7,18 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from heli_twin.paper.flights import CASES, WEAK, Flights, weak
+from heli_twin.paper.flights import CASES, THRUST_DEFICITS, Flights, weak
 from heli_twin.paper.gains import gains_of
-from heli_twin.paper.verdicts import LITTLE, Claim, all_of, below, in_words, smaller
+from heli_twin.paper.verdicts import SMALL_HEADING_RAD, Claim, all_of, below, in_words, smaller
 from heli_twin.reporting.intervals import mean_interval
 from heli_twin.reporting.words import interval, metric, number
 
 DEGREES = 180.0 / np.pi
-HEADING_PAYS = (
+HEADING_CAUSE = (
     "the coupled model turns to mend errors in x, y, in proportion to speed and error, and its heading pays; a wrong"
     " plant.yaw_gain makes no such difference"
 )
-SMALL_HERE = (
+MOTION_CAUSE = (
     "at this speed and in this wind that turning mends next to nothing; with trajectory.rate=2 and"
     " disturbances.gust.strength=0.5 it takes a third off the errors in x, y, and heading errs five times as much"
 )
@@ -80,18 +80,18 @@ def _heading(flights: Flights) -> Iterator[Claim]:
     for text, one, other, _ in pairs:
         rms = [mean_interval(np.sqrt(flights.values(case, "mse.yaw"))) for case in (one, other)]
         ours = " / ".join(interval(a, DEGREES) for a in rms) + " deg rms"
-        why = f"Below {DEGREES * LITTLE:g} deg rms is taken for negligible; the paper prints no number."
-        verdict = all_of([below(a, LITTLE) for a in rms])
+        why = f"Below {DEGREES * SMALL_HEADING_RAD:g} deg rms is taken for negligible; the paper prints no number."
+        verdict = all_of([below(a, SMALL_HEADING_RAD) for a in rms])
         claim = Claim(f"Fig. 6: heading errors negligible, MPC / PID: {text}", "negligible", ours, verdict, why)
         yield judged(flights, (one, other), claim)
 
 
 def _height(flights: Flights) -> Iterator[Claim]:
     yield _better(flights, "circle_pid", "circle", ("z",), "Fig. 6: PID better than MPC in z: thrust as both believe")
-    for share in WEAK:
+    for share in THRUST_DEFICITS:
         text = f"Fig. 6: PID better than MPC in z: thrust {100 * share:g} % below what both believe"
         yield _better(flights, weak(share, "_pid"), weak(share), ("z",), text)
-    for share in WEAK:
+    for share in THRUST_DEFICITS:
         text = f"... for want of an integral in z: MPC that cancels the push beats PID, thrust {100 * share:g} % low"
         claim = _better(flights, weak(share, "_free"), weak(share, "_pid"), ("z",), text)
         yield claim._replace(paper="its reason")
@@ -100,13 +100,13 @@ def _height(flights: Flights) -> Iterator[Claim]:
 def _coupling(flights: Flights) -> Iterator[Claim]:
     for where, removed, full in (("circle", "circle", "circle_full"), ("pirouette circle", "turning", "turning_full")):
         yield _activity(flights, where, removed, full)
-        for what, axes, cause in (("motion", ("x", "y"), SMALL_HERE), ("heading", ("yaw",), HEADING_PAYS)):
+        for what, axes, cause in (("motion", ("x", "y"), MOTION_CAUSE), ("heading", ("yaw",), HEADING_CAUSE)):
             text = f"Coupling removed: {what} significantly better, {where}"
             yield _better(flights, removed, full, axes, text, cause)
 
 
 def _activity(flights: Flights, where: str, removed: str, full: str) -> Claim:
-    """How restless the yaw input is."""
+    """The claim on the activity of the yaw input."""
     a, b = flights.values(removed, "step.u_yaw"), flights.values(full, "step.u_yaw")
     verdict, difference = smaller(a, b)
     level = [float(flights.values(case, "rms.u_yaw").mean()) for case in (removed, full)]
@@ -120,7 +120,7 @@ def _activity(flights: Flights, where: str, removed: str, full: str) -> Claim:
 
 
 def _better(flights: Flights, one: str, other: str, axes: Sequence[str], text: str, cause: str = "") -> Claim:
-    """Whether the first has the smaller mean squared error on all axes; the cause is told with the outcome."""
+    """The claim that the first case has the smaller mean squared error on all axes, with its cause."""
     cells: list[str] = []
     found = {axis: smaller(flights.values(one, f"mse.{axis}"), flights.values(other, f"mse.{axis}")) for axis in axes}
     for axis, (_, difference) in found.items():

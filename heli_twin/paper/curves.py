@@ -14,10 +14,10 @@ from heli_twin.recording.log import Timings
 from heli_twin.reporting.figure import Curve, Figure, Panel
 from heli_twin.reporting.words import number
 
-EVERY = 2
-"""Control steps between two points of a curve: 40 ms, which no eye can tell."""
+STEPS_PER_POINT = 2
+"""Control steps between two points of a curve: 40 ms, which no eye can see."""
 YAW = 3
-TIME = "time (s)"
+TIME_LABEL = "time (s)"
 
 
 class Shown(NamedTuple):
@@ -29,15 +29,15 @@ class Shown(NamedTuple):
 
 def error_of(log: Log) -> tuple[Array, Array]:
     """Times (n,), s, and errors x y z (cm) yaw (deg) (n, 4), for the eye."""
-    found = tracking_error(log)
-    return found.time[::EVERY], (found.error * [CM, CM, CM, DEGREES])[::EVERY]
+    tracked = tracking_error(log)
+    return tracked.time[::STEPS_PER_POINT], (tracked.error * [CM, CM, CM, DEGREES])[::STEPS_PER_POINT]
 
 
 def _flown(log: Log, column: int) -> tuple[Array, Array, Array]:
     """Times (n,), a coordinate x y z (m) or yaw (deg) as flown (n,), and as planned (n,)."""
     time, error = error_of(log)
     _, _, of_reference = np.intersect1d(log.truth.stamp, log.reference.stamp, return_indices=True)
-    planned = log.reference.x[of_reference][::EVERY, column]
+    planned = log.reference.x[of_reference][::STEPS_PER_POINT, column]
     if column == YAW:
         return time, DEGREES * planned + error[:, column], DEGREES * planned
     return time, planned + error[:, column] / CM, planned
@@ -47,7 +47,11 @@ def circle_figure(flights: Flights, name: str, title: str, cases: tuple[str, ...
     """Position, heading and their errors of circles: Figs. 3 and 5."""
     flown: list[Panel] = []
     errors: list[Panel] = []
-    for column, coordinate, unit, small in ((0, "x", "m", "cm"), (1, "y", "m", "cm"), (YAW, "heading", "deg", "deg")):
+    for column, coordinate, unit, small in (
+        (0, "x", "m", "cm"),
+        (1, "y", "m", "cm"),
+        (YAW, "heading", "deg", "deg"),
+    ):
         above: list[Curve] = []
         below: list[Curve] = []
         for place, case in enumerate(cases):
@@ -57,8 +61,8 @@ def circle_figure(flights: Flights, name: str, title: str, cases: tuple[str, ...
             above.append(Curve(_label(case), time, position, style="steps", color=place))
             time, error = error_of(flights.log(case))
             below.append(Curve(_label(case), time, error[:, column], style="steps", color=place))
-        flown.append(Panel(coordinate, TIME, f"{coordinate} ({unit})", above))
-        errors.append(Panel(f"error in {coordinate}", TIME, f"error ({small})", below))
+        flown.append(Panel(coordinate, TIME_LABEL, f"{coordinate} ({unit})", above))
+        errors.append(Panel(f"error in {coordinate}", TIME_LABEL, f"error ({small})", below))
     parts = [f"{_label(case)} {' / '.join(_maxima(flights, case))} cm" for case in cases]
     sentence = (
         f"Position, heading and their errors, first seed. Largest error in x / y after the start: {', '.join(parts)}."
@@ -79,7 +83,7 @@ def hover_figure(flights: Flights) -> Shown:
     log = flights.log("hover")
     time, error = error_of(log)
     panels = [
-        Panel(axis, TIME, f"{axis} (cm)", [Curve("position", time, error[:, column], style="steps", color=0)])
+        Panel(axis, TIME_LABEL, f"{axis} (cm)", [Curve("position", time, error[:, column], style="steps", color=0)])
         for column, axis in enumerate("xy")
     ]
     time, u = np.asarray(1e-9 * log.sent.time, np.float64), log.sent.u
@@ -89,7 +93,7 @@ def hover_figure(flights: Flights) -> Shown:
             Curve("input", time, u[:, column], style="steps", color=2),
             Curve("its mean: the offset", time[[0, -1]], np.full(2, means[column]), style="dashes", color=1),
         ]
-        panels.append(Panel(f"u_{axis}", TIME, f"u_{axis} (full stick)", marks))
+        panels.append(Panel(f"u_{axis}", TIME_LABEL, f"u_{axis} (full stick)", marks))
     sentence = (
         f"Position about the hover point, first seed, largest {' / '.join(_maxima(flights, 'hover'))} cm in x / y; "
         f"a steady push offsets the inputs by {means[0]:.3f} / {means[1]:.3f}."
@@ -110,8 +114,8 @@ def others_figure(flights: Flights) -> Shown:
             distance = np.linalg.norm(error[:, :YAW], axis=1)
             lengths.append(Curve(word, time, distance, style="steps", color=place))
             angles.append(Curve(word, time, error[:, YAW], style="steps", color=place))
-        positions.append(Panel(title, TIME, "position error (cm)", lengths))
-        headings.append(Panel("", TIME, "heading error (deg)", angles))
+        positions.append(Panel(title, TIME_LABEL, "position error (cm)", lengths))
+        headings.append(Panel("", TIME_LABEL, "heading error (deg)", angles))
     sentence = "First seed. By feedback only the PID knows nothing of the planned inputs and lags behind."
     figure = Figure("others", "The other trajectories, MPC and PID", sentence, [*positions, *headings])
     return Shown(figure, tuple(name + tail for name, _ in trajectories for tail in ("", "_pid")))

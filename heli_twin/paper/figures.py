@@ -7,8 +7,8 @@ import numpy as np
 from controllers.signals import Array
 from heli_twin.paper.claims import CM
 from heli_twin.paper.comparison import DEGREES
-from heli_twin.paper.curves import TIME, Shown, circle_figure, error_of, hover_figure, others_figure
-from heli_twin.paper.flights import CASES, WEAK, Flights, weak
+from heli_twin.paper.curves import TIME_LABEL, Shown, circle_figure, error_of, hover_figure, others_figure
+from heli_twin.paper.flights import CASES, THRUST_DEFICITS, Flights, weak
 from heli_twin.reporting.figure import Curve, Dots, Figure, Panel
 from heli_twin.reporting.intervals import mean_interval
 from heli_twin.reporting.words import metric, number
@@ -93,16 +93,16 @@ def _heading(flights: Flights) -> Shown:
 
 def _height(flights: Flights) -> Shown:
     kinds, labels = ("", "_pid", "_free"), ("MPC", "PID", "MPC, offset-free in z")
-    names = [f"{100 * share:g} % low" for share in WEAK]
-    dots = [_dots(flights, [weak(share, kind) for share in WEAK], "mse.z", CM, np.sqrt) for kind in kinds]
-    shown = tuple(weak(WEAK[-1], kind) for kind in kinds)
+    names = [f"{100 * share:g} % low" for share in THRUST_DEFICITS]
+    dots = [_dots(flights, [weak(share, kind) for share in THRUST_DEFICITS], "mse.z", CM, np.sqrt) for kind in kinds]
+    shown = tuple(weak(THRUST_DEFICITS[-1], kind) for kind in kinds)
     curves: list[Curve] = []
     for place, (case, label) in enumerate(zip(shown, labels, strict=True)):
         time, error = error_of(flights.log(case))
         curves.append(Curve(label, time, error[:, 2], style="steps", color=place))
     panels = [
         Panel("thrust gain", "rms error in z, cm", "", _beside(labels, names, dots), x_log=True),
-        Panel(f"{names[-1]}, first seed", TIME, "error in z (cm)", curves),
+        Panel(f"{names[-1]}, first seed", TIME_LABEL, "error in z (cm)", curves),
     ]
     sentence = "Without an integral in z, a thrust that is weaker than believed becomes a height that is too low."
     return Shown(Figure("height", "Height under a thrust mismatch", sentence, panels), shown)

@@ -1,9 +1,9 @@
-"""The flights behind `heli-twin paper`: what is flown, on all cores, and what is kept of it."""
+"""The flights of `heli-twin paper`: the cases, and flying them on all cores."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,8 @@ from heli_twin.metrics.tracking import SETTLING
 from heli_twin.pasteable import pasteable
 from heli_twin.recording import Log, read_log
 from heli_twin.studies.columns import COMPLETED
+from heli_twin.studies.designs import Row
 from heli_twin.workers.task import Flown, Task
-
-Row = Mapping[str, Any]
 
 PID = ("controller=pid",)
 FLAT = (*PID, "controller.feed_forward=flat")
@@ -30,25 +29,25 @@ ZIEGLER_NICHOLS = (
 TURNING = ("trajectory=pirouette_circle",)
 LATE = ("mocap.latency=0.04", "estimator.roll_forward=false")
 """Poses 40 ms old, taken for new."""
-WEAK = (0.05, 0.10)
+THRUST_DEFICITS = (0.05, 0.10)
 """Shares by which the thrust gain falls short of what the controllers believe."""
 
 
 class Case(NamedTuple):
-    """One thing to fly, with every seed."""
+    """A kind of flight, flown with every seed."""
 
     label: str
     changes: tuple[str, ...] = ()
     preset: str | None = None
     once: bool = False
-    """There is no chance in it: one flight says all."""
+    """True if there is no chance in it, so that one flight is enough."""
 
     def experiment(self, seed: int, duration: float) -> Experiment:
-        """One of its flights."""
+        """The experiment of one of its flights."""
         return load(self.preset, [*self.changes, f"seed={seed}", f"duration={duration}"])
 
     def command(self, duration: float) -> str:
-        """What flies the first of them."""
+        """The command that flies the first of them."""
         shorter = () if duration == load(self.preset).duration else (f"duration={duration:g}",)
         return pasteable("heli-twin", "fly", *([self.preset] if self.preset else []), *self.changes, *shorter)
 
@@ -89,30 +88,30 @@ CASES = {
     "pirouette_pid": Case("PID, pirouette", (*PID, "trajectory=pirouette")),
     "wheel": Case("MPC, ferris wheel", ("trajectory=ferris_wheel",)),
     "wheel_pid": Case("PID, ferris wheel", (*PID, "trajectory=ferris_wheel")),
-    **{weak(share): _weak(share) for share in WEAK},
-    **{weak(share, "_pid"): _weak(share, *PID) for share in WEAK},
-    **{weak(share, "_free"): _weak(share, "controller.offset_free=z") for share in WEAK},
+    **{weak(share): _weak(share) for share in THRUST_DEFICITS},
+    **{weak(share, "_pid"): _weak(share, *PID) for share in THRUST_DEFICITS},
+    **{weak(share, "_free"): _weak(share, "controller.offset_free=z") for share in THRUST_DEFICITS},
 }
 """Everything that is flown for the figures and the table, by a name for files. PID is fed back only where not said."""
 
 
 class Flights:
-    """What was flown: a row a flight, and the log of the first flight of each case."""
+    """The flown cases: a row for each flight, and the log of each case's first flight."""
 
     def __init__(self, folder: Path, rows: Mapping[str, Sequence[Row]]) -> None:
         self.folder, self.rows = folder, rows
 
     def values(self, case: str, metric: str) -> Array:
         """A metric (n,) of the flights of a case, in the order of their seeds; NaN where one failed."""
-        found = [row.get(metric) if row["outcome"] == COMPLETED else None for row in self.rows[case]]
-        return np.array([np.nan if value is None else value for value in found], np.float64)
+        values = [row.get(metric) if row["outcome"] == COMPLETED else None for row in self.rows[case]]
+        return np.array([np.nan if value is None else value for value in values], np.float64)
 
     def rms(self, case: str, axis: str) -> float:
         """Root of the mean squared error over all flights of a case, m or rad."""
         return float(np.sqrt(np.mean(self.values(case, f"mse.{axis}"))))
 
     def failed(self, case: str) -> int:
-        """How many flights of a case did not complete."""
+        """Return the number of flights of a case that did not complete."""
         return sum(row["outcome"] != COMPLETED for row in self.rows[case])
 
     def path(self, case: str) -> Path:
@@ -173,7 +172,7 @@ def fly_all(folder: Path, flights: Sequence[Task], progress: Callable[[], None] 
 
 
 def fly_task(task: Task) -> Flown:
-    """What a worker does: one flight, its metrics and its yaw activity."""
+    """The work of a worker process: one flight, its metrics and its yaw activity."""
     from heli_twin.experiment.tree import from_json
     from heli_twin.mission import fly
     from heli_twin.studies.columns import columns

@@ -1,4 +1,4 @@
-"""What horizon, weights and gains come down to: how each controller answers an error."""
+"""The feedback gains that horizon, weights and terminal weight of each controller amount to."""
 
 from collections.abc import Iterator
 
@@ -17,7 +17,7 @@ COMPARED = ("circle", "circle_riccati", "circle_free", "circle_flat", "circle_fl
 
 
 def feedback_gains(law: ControlLaw) -> Array:
-    """How a controller in hover answers errors of x y z yaw (rows) in position and in velocity (columns).
+    """The response of a controller in hover to errors of x y z yaw (rows) in position and in velocity (columns).
 
     Returns:
         (4, 2) change of the axis' own input for each unit of error, stick per m, rad, m/s or rad/s.
@@ -39,7 +39,7 @@ def gains_of(case: str) -> Array:
 
 
 def gains_table() -> Table:
-    """What each controller of the comparison makes of an error at this moment."""
+    """The table of the present response of each compared controller to an error."""
     rows = [[CASES[case].label, *_cells(gains_of(case))] for case in COMPARED]
     sentence = (
         "Stick per metre or radian of error, and per m/s or rad/s, asked of each controller in hover: "

@@ -63,7 +63,7 @@ def flown_table(flights: Flights, seeds: int, duration: float) -> Table:
 
 
 def _short(value: float) -> str:
-    """What is too small to matter is nothing."""
+    """A number rounded to four decimals; smaller ones are 0."""
     return number(round(value, 4))
 
 

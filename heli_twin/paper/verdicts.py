@@ -1,4 +1,4 @@
-"""How a claim of the paper is judged: rules on numbers with intervals, and nothing that knows of a flight.
+"""Rules that judge the paper's claims from numbers with intervals; they do not depend on flights.
 
 A rule takes the whole 95 % interval, so that few seeds make it harder, not easier, to reproduce a claim; a number
 without an interval, from a single seed of a random flight, is comparable with nothing.
@@ -13,17 +13,18 @@ from controllers.signals import Array
 from heli_twin.reporting.intervals import Interval, paired_interval
 
 Verdict = Literal["reproduced", "not reproduced", "not comparable"]
+Answer = Literal["yes", "no", "unknown"]
 
-ORDER = 2.0
-"""Numbers that differ by less than this factor are of the same order: another helicopter, another room."""
-APPROXIMATELY = 1.2
-"""What the paper calls "approximately" is met within this factor."""
-SIGNIFICANT = 0.1
-"""A difference below this share of what it is a difference to is not "significant"."""
-LITTLE = float(np.radians(5.0))
-"""rad: on an axis of a whole turn a heading this far off cannot be told from its reference; the paper has no number."""
-CLOSE = 1.05
-"""An identified parameter within this factor of the truth is found."""
+SAME_ORDER_FACTOR = 2.0
+"""Numbers within this factor are of the same order: the helicopter and the room are not the paper's."""
+APPROXIMATE_FACTOR = 1.2
+"""A number that the paper calls "approximate" is reproduced within this factor."""
+SIGNIFICANT_SHARE = 0.1
+"""A difference below this share of the value compared with is not "significant"."""
+SMALL_HEADING_RAD = float(np.radians(5.0))
+"""A heading error that cannot be seen in a plot over a whole turn; the paper has no number."""
+IDENTIFIED_FACTOR = 1.05
+"""A parameter within this factor of the truth counts as identified."""
 
 
 class Claim(NamedTuple):
@@ -43,33 +44,36 @@ def exact(value: float) -> Interval:
 
 
 def within(found: Interval, paper: float, factor: float) -> Verdict:
-    """Whether a number is the paper's, give or take a factor."""
+    """Judge whether a whole interval is within a factor of the paper's number."""
     if not _known(found):
         return "not comparable"
     return "reproduced" if paper / factor <= found.low and found.high <= paper * factor else "not reproduced"
 
 
 def below(found: Interval, limit: float) -> Verdict:
-    """Whether a number is below a limit."""
+    """Judge whether a whole interval is below a limit."""
     if not _known(found):
         return "not comparable"
     return "reproduced" if found.high < limit else "not reproduced"
 
 
 def apart(found: Interval, sign: float) -> Verdict:
-    """Whether a number lies on one side of zero."""
+    """Judge whether a whole interval has the sign of another number."""
     if not _known(found):
         return "not comparable"
     return "reproduced" if sign * (found.low if sign > 0 else found.high) > 0 else "not reproduced"
 
 
-def smaller(a: Array, b: Array, share: float = SIGNIFICANT) -> tuple[Verdict, Interval]:
-    """Whether a (n,) is significantly smaller than b (n,), flown with the same seeds; and the difference a - b.
+def smaller(a: Array, b: Array, share: float = SIGNIFICANT_SHARE) -> tuple[Verdict, Interval]:
+    """Judge whether a is significantly smaller than b, flown with the same seeds.
 
     Args:
-        a: Of which the claim is that it is smaller.
-        b: Of the other one.
-        share: Of the mean of b, by which a has to be smaller.
+        a: (n,) values that are claimed to be smaller.
+        b: (n,) values compared with.
+        share: Share of the mean of b by which a has to be smaller.
+
+    Returns:
+        The verdict, and the paired difference a - b.
     """
     difference = paired_interval(a, b)
     if not _known(difference):
@@ -84,19 +88,19 @@ def all_of(verdicts: Iterable[Verdict]) -> Verdict:
 
 
 def in_words(difference: Interval, other: Array) -> str:
-    """What a paired difference from the values of another one says, by the rule of `smaller`."""
+    """Say in words what a paired difference from other values means, by the rule of `smaller`."""
     if not _known(difference):
         return "one seed says nothing of the scatter"
     if difference.low <= 0.0 <= difference.high:
         return "undecided, the interval holds zero"
     if difference.low > 0.0:
         return "larger"
-    share = SIGNIFICANT * float(np.nanmean(other))
-    return "smaller" if difference.high < -share else f"smaller, but not surely by {100 * SIGNIFICANT:g} %"
+    share = SIGNIFICANT_SHARE * float(np.nanmean(other))
+    return "smaller" if difference.high < -share else f"smaller, but not surely by {100 * SIGNIFICANT_SHARE:g} %"
 
 
-def explains(effect: float, without: float) -> str:
-    """Whether taking a suspected cause away takes at least half of an effect away."""
+def explains(effect: float, without: float) -> Answer:
+    """Say whether at least half of an effect vanishes without a suspected cause."""
     if not np.isfinite([effect, without]).all() or effect <= 0.0:
         return "unknown"
     return "yes" if without <= 0.5 * effect else "no"

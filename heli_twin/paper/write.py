@@ -21,20 +21,21 @@ from heli_twin.recording import read_log
 from heli_twin.recording.log import Timings
 from heli_twin.reporting.figure import Figure, Table
 from heli_twin.reporting.html_page import Section, html_page, table_section
+from heli_twin.whole_file import write_whole
 
-SEEDS = 7
+DEFAULT_SEEDS = 7
 """Flights of each case: as many as two cores fly within three minutes, odd for the sake of the medians."""
-Progress = Callable[[int, int], None]
-"""Told how many flights are over, and of how many."""
+CountProgress = Callable[[int, int], None]
+"""Called with the numbers of finished and of all flights."""
 
 
 def write_paper(
     out: Path,
-    seeds: int = SEEDS,
+    seeds: int = DEFAULT_SEEDS,
     *,
     duration: float = 30.0,
     identification: bool = True,
-    progress: Progress = lambda done, total: None,
+    progress: CountProgress = lambda done, total: None,
 ) -> list[Claim]:
     """Fly everything and write `paper.html`, the figures and the logs.
 
@@ -52,7 +53,7 @@ def write_paper(
         HeliTwinError: The folder cannot be written, or the flights of the figures failed.
     """
     if seeds < 1:
-        raise HeliTwinError(f"--seeds {seeds}: fly at least one seed; intervals need two, and {SEEDS} is the default")
+        raise HeliTwinError(f"--seeds {seeds}: fly at least one seed; intervals need two (default: {DEFAULT_SEEDS})")
     try:
         out.mkdir(parents=True, exist_ok=True)
         flights, doublets = _fly(out, seeds, duration, identification, progress)
@@ -62,7 +63,7 @@ def write_paper(
         sections = _sections(flights, found, judged, seeds, duration)
         measured = _measured(out, timing, processor)
         text = html_page(TITLE, QUESTION, [*sections, *measured], style=STYLE)
-        (out / "paper.html").write_text(text, encoding="utf-8")
+        write_whole(out / "paper.html", text.encode())
     except OSError as error:
         raise HeliTwinError(f"cannot write {error.filename or out}: {error.strerror}") from None
     return [*judged, *timing_claims(timing, processor)]
@@ -76,7 +77,7 @@ QUESTION = (
 
 
 def _fly(
-    out: Path, seeds: int, duration: float, identification: bool, progress: Progress
+    out: Path, seeds: int, duration: float, identification: bool, progress: CountProgress
 ) -> tuple[Flights, list[Path]]:
     """Fly it all, the longest flights first."""
     doublets = list(identification_tasks()) if identification else []
@@ -133,7 +134,7 @@ def _drawn(out: Path, figure: Figure) -> Path:
 
 
 def parameters_table(out: Path, found: Identified) -> Table:
-    """What was identified."""
+    """The table of the identified parameters."""
     rows = [
         [name, f"{paper:g}", f"{p.value:.4g} [{p.low:.4g}, {p.high:.4g}]", verdict]
         for name, paper, p, verdict in parameter_rows(found)
@@ -154,7 +155,7 @@ def _timing(duration: float) -> tuple[Timings, str]:
 
 
 def _measured(out: Path, timing: Timings, processor: str) -> Iterator[Section]:
-    """What differs from run to run: it stands last, by itself."""
+    """The sections that differ from run to run; they stand last."""
     sentence = "Measured on this host while one flight flew alone: these numbers differ from run to run."
     yield claims_section("Computing times", sentence, list(timing_claims(timing, processor)))
     figure = times_figure(timing)

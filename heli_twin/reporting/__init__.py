@@ -1,1 +1,1 @@
-"""What reports are made of: figures as values, intervals, words for numbers, and HTML pages."""
+"""Building blocks of reports: figures as values, intervals, numbers with units, and HTML pages."""

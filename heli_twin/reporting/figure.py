@@ -1,12 +1,13 @@
-"""Figures as values: what is shown, not how. One description makes the interactive picture and the printed one."""
+"""Figures as values: the data, not the drawing. One description makes the interactive picture and the printed one."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Style = Literal["line", "points", "steps", "dashes"]
 
 
 class Curve(NamedTuple):
@@ -17,10 +18,9 @@ class Curve(NamedTuple):
     y: Array
     low: Array | None = None
     high: Array | None = None
-    style: str = "line"
-    """`line`, `points`, `steps` or `dashes`."""
+    style: Style = "line"
     commands: Sequence[str] = ()
-    """For each point, what flies it again."""
+    """For each point the command that flies it again."""
     color: int = 0
 
 
@@ -70,7 +70,7 @@ Mark = Curve | Bars | Dots | Heat
 
 
 class Panel(NamedTuple):
-    """One pair of axes."""
+    """A pair of axes with its marks."""
 
     title: str
     x_label: str
@@ -84,10 +84,10 @@ class Figure(NamedTuple):
     """A figure of the report."""
 
     name: str
-    """Of its file."""
+    """The name of its file, without an ending."""
     title: str
     sentence: str
-    """What it shows."""
+    """One sentence on what it shows."""
     panels: Sequence[Panel]
 
 
@@ -104,15 +104,15 @@ class Table(NamedTuple):
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
 """Okabe and Ito's, which colour-blind readers can tell apart."""
-DOWN = "#999999"
+DECREASE_COLOR = "#999999"
 """The colour of bars that go down."""
-FAILURE = 0.5
-"""The failure rate that the contour marks."""
+CONTOUR_RATE = 0.5
+"""The failure rate that the contour of a map marks."""
 
 
 def shades(bars: Bars) -> list[str]:
     """The colour of each bar."""
-    return [color(bars.color) if length >= 0 else DOWN for length in bars.length]
+    return [color(bars.color) if length >= 0 else DECREASE_COLOR for length in bars.length]
 
 
 def color(number: int) -> str:
@@ -121,7 +121,7 @@ def color(number: int) -> str:
 
 
 def decades(values: Array) -> bool:
-    """Whether values are better shown on a logarithmic axis."""
+    """Return whether values are better shown on a logarithmic axis."""
     values = values[np.isfinite(values)]
     return bool(len(values) and values.min() > 0 and values.max() > 30 * values.min())
 

@@ -1,4 +1,4 @@
-"""Intervals and sensitivities. SciPy does the mathematics; here stands which of it, and what happens at the edges."""
+"""Confidence intervals and Sobol indices, by SciPy; with rules for few, equal or missing values."""
 
 import warnings
 from collections.abc import Callable, Generator
@@ -12,8 +12,8 @@ Array = NDArray[np.float64]
 
 RESAMPLES = 2000
 CONFIDENCE = 0.95
-LARGE = 2000
-"""From so many values on the mean is normal enough, and resampling is slow for nothing."""
+NORMAL_COUNT = 2000
+"""From this number of values on, the mean is normal enough and is not resampled."""
 
 
 class Interval(NamedTuple):
@@ -57,14 +57,14 @@ def _bootstrapped(values: Array, statistic: Callable[..., Any], method: str = "B
     if n < 2 or np.ptp(values) <= 1e-10 * np.abs(values).max():
         # One value says nothing about its scatter; equal values have none.
         return Interval(estimate, *((estimate, estimate) if n > 1 else (np.nan, np.nan)), n)
-    if n >= LARGE and statistic is np.mean:
+    if n >= NORMAL_COUNT and statistic is np.mean:
         half = 1.959964 * float(values.std(ddof=1)) / np.sqrt(n)
         return Interval(estimate, estimate - half, estimate + half, n)
     return Interval(estimate, *_resampled(values, statistic, method), n)
 
 
 def _resampled(values: Array, statistic: Callable[..., Any], method: str) -> tuple[float, float]:
-    """Bootstrap limits; by percentiles where the values leave BCa undefined."""
+    """Bootstrap limits; by percentiles where BCa is undefined."""
     from scipy.stats import bootstrap
 
     for way in (method, "percentile"):
@@ -76,22 +76,22 @@ def _resampled(values: Array, statistic: Callable[..., Any], method: str) -> tup
                 "vectorized": True,
                 "rng": 0,
             }
-            found = bootstrap((values,), statistic, **options).confidence_interval
-        if np.isfinite([found.low, found.high]).all():
+            limits = bootstrap((values,), statistic, **options).confidence_interval
+        if np.isfinite([limits.low, limits.high]).all():
             break
-    return float(found.low), float(found.high)
+    return float(limits.low), float(limits.high)
 
 
 @contextmanager
 def _degenerate_allowed() -> Generator[None]:
-    """Where a jackknife has no scatter SciPy divides by zero, and gives NaN."""
+    """Ignore SciPy's division by zero for a jackknife without scatter; it gives NaN."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         yield
 
 
 def wilson(failures: int, n: int) -> Interval:
-    """A failure rate with its Wilson interval, which says something even when nothing failed.
+    """A failure rate with its Wilson interval, which is useful even when nothing failed.
 
     Source: Wilson, Journal of the American Statistical Association 22 (1927) 209.
     """
@@ -99,8 +99,8 @@ def wilson(failures: int, n: int) -> Interval:
 
     if n == 0:
         return Interval(np.nan, np.nan, np.nan, 0)
-    found = binomtest(int(failures), int(n)).proportion_ci(CONFIDENCE, "wilson")
-    return Interval(failures / n, float(found.low), float(found.high), n)
+    limits = binomtest(int(failures), int(n)).proportion_ci(CONFIDENCE, "wilson")
+    return Interval(failures / n, float(limits.low), float(limits.high), n)
 
 
 class Sensitivity(NamedTuple):
@@ -124,16 +124,16 @@ def sobol(A: Array, B: Array, AB: Array) -> Sensitivity:
     if np.ptp(np.concatenate([A, B])) == 0:
         nothing = [Interval(0.0, 0.0, 0.0, n)] * len(AB)
         return Sensitivity(nothing, nothing)
-    found = sobol_indices(func={"f_A": A[None], "f_B": B[None], "f_AB": AB[:, None, :]}, n=n)
+    indices = sobol_indices(func={"f_A": A[None], "f_B": B[None], "f_AB": AB[:, None, :]}, n=n)
     with _degenerate_allowed():
-        spread = found.bootstrap(confidence_level=CONFIDENCE, n_resamples=999)
+        spread = indices.bootstrap(confidence_level=CONFIDENCE, n_resamples=999)
 
     def intervals(values: Array, limits: Any) -> list[Interval]:
         low, high = np.ravel(limits.confidence_interval.low), np.ravel(limits.confidence_interval.high)
         return [Interval(float(v), float(a), float(b), n) for v, a, b in zip(np.ravel(values), low, high, strict=True)]
 
     return Sensitivity(
-        intervals(found.first_order, spread.first_order), intervals(found.total_order, spread.total_order)
+        intervals(indices.first_order, spread.first_order), intervals(indices.total_order, spread.total_order)
     )
 
 

@@ -1,4 +1,4 @@
-"""Figures for the page, as plotly.js draws them. The one module that knows plotly."""
+"""Figures for the page as JSON for plotly.js. The only module that imports plotly."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from heli_twin.reporting.figure import (
-    FAILURE,
+    CONTOUR_RATE,
     Array,
     Bars,
     Curve,
@@ -22,13 +22,13 @@ from heli_twin.reporting.figure import (
 
 Trace = dict[str, Any]
 
-WIDE, NARROW = 1100, 360
-"""Width that the two layouts are made for, px."""
-ROW = 330
-"""Height of a row of panels, px."""
-DIVERGING = [[0.0, "#2166ac"], [0.5, "#f7f7f7"], [1.0, "#b2182b"]]
-"""Blue is less, red is more."""
-DASHES = {"dashes": "dash"}
+WIDE_PX, NARROW_PX = 1100, 360
+"""Widths of the two layouts."""
+ROW_PX = 330
+"""Height of a row of panels."""
+DIVERGING_SCALE = [[0.0, "#2166ac"], [0.5, "#f7f7f7"], [1.0, "#b2182b"]]
+"""Colours of differences: blue is less, red is more."""
+LINE_DASHES = {"dashes": "dash"}
 
 
 def library() -> str:
@@ -55,8 +55,8 @@ def spec(figure: Figure) -> dict[str, Any]:
     columns = 1 if len(figure.panels) == 1 else 3 if len(figure.panels) > 4 else 2
     return {
         "data": traces,
-        "layout": _layout(figure, columns, WIDE),
-        "narrow": _layout(figure, 1, NARROW),
+        "layout": _layout(figure, columns, WIDE_PX),
+        "narrow": _layout(figure, 1, NARROW_PX),
         "commands": any("customdata" in trace for trace in traces),
     }
 
@@ -84,7 +84,7 @@ def _curve(mark: Curve) -> Iterator[Trace]:
             "fillcolor": _faint(color(mark.color)),
         }
     trace: Trace = {"x": _list(mark.x), "y": _list(mark.y), "name": mark.label, "mode": "lines+markers"}
-    trace["line"] = {"color": color(mark.color), "dash": DASHES.get(mark.style, "solid")}
+    trace["line"] = {"color": color(mark.color), "dash": LINE_DASHES.get(mark.style, "solid")}
     trace["marker"] = {"color": color(mark.color), "size": 6}
     if mark.style == "points":
         trace |= {"mode": "markers", "type": "scattergl" if len(mark.x) > 1000 else "scatter"}
@@ -131,8 +131,8 @@ def _heat(panel: Panel, mark: Heat) -> Iterator[Trace]:
     if mark.commands:
         trace["customdata"] = [list(row) for row in mark.commands]
     yield trace
-    if mark.failure is not None and np.nanmax(mark.failure) >= FAILURE > np.nanmin(mark.failure):
-        line = {"coloring": "none", "start": FAILURE, "end": FAILURE, "size": 1}
+    if mark.failure is not None and np.nanmax(mark.failure) >= CONTOUR_RATE > np.nanmin(mark.failure):
+        line = {"coloring": "none", "start": CONTOUR_RATE, "end": CONTOUR_RATE, "size": 1}
         yield {
             "type": "contour", "x": _list(mark.x), "y": _list(mark.y), "z": [_list(row) for row in mark.failure],
             "contours": line, "line": {"color": "black", "width": 3}, "hoverinfo": "skip", "showlegend": False,
@@ -143,7 +143,7 @@ def _heat(panel: Panel, mark: Heat) -> Iterator[Trace]:
 def _layout(figure: Figure, columns: int, width: int) -> dict[str, Any]:
     rows = -(-len(figure.panels) // columns)
     names = max((len(_names(panel)) for panel in figure.panels), default=0)
-    height = max(ROW if width == WIDE else 280, 34 * names + 120)
+    height = max(ROW_PX if width == WIDE_PX else 280, 34 * names + 120)
     total = rows * height
     layout: dict[str, Any] = {
         "height": total + 130,
@@ -154,7 +154,7 @@ def _layout(figure: Figure, columns: int, width: int) -> dict[str, Any]:
         "hovermode": "closest",
         "annotations": [],
     }
-    wide_names = names and width == WIDE and columns > 1
+    wide_names = names and width == WIDE_PX and columns > 1
     left = 0.25 if wide_names else 0.15 if columns > 1 else 0.0
     gap = 95 / total
     tall = (1 - (rows - 1) * gap) / rows
@@ -185,7 +185,7 @@ def _color_axis(mark: Heat, x: float, y: float, length: float) -> dict[str, Any]
         "len": length,
     }
     if mark.diverging:
-        return {"colorscale": DIVERGING, "cmid": 0, "colorbar": bar}
+        return {"colorscale": DIVERGING_SCALE, "cmid": 0, "colorbar": bar}
     ends = {"cmin": mark.limits[0], "cmax": mark.limits[1]} if mark.limits else {}
     return {"colorscale": "Cividis", "colorbar": bar, **ends}
 
@@ -246,7 +246,7 @@ def _with_commands(trace: Trace, commands: Sequence[str]) -> Trace:
 
 
 def _list(values: Array) -> list[float | None]:
-    """Six digits are more than a picture shows; JSON has no NaN."""
+    """Numbers with six digits, which a picture does not exceed; None for NaN, which JSON does not have."""
     return [float(f"{value:.6g}") if np.isfinite(value) else None for value in np.asarray(values, float)]
 
 

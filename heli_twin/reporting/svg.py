@@ -1,16 +1,28 @@
-"""Figures for papers, by matplotlib, which only this module knows: the same data give the same bytes."""
+"""Figures for papers, drawn by matplotlib, which only this module imports: the same data give the same bytes."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heli_twin.reporting.figure import FAILURE, Bars, Curve, Dots, Figure, Heat, Mark, Panel, color, edges, shades
+from heli_twin.reporting.figure import (
+    CONTOUR_RATE,
+    Bars,
+    Curve,
+    Dots,
+    Figure,
+    Heat,
+    Mark,
+    Panel,
+    color,
+    edges,
+    shades,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LOOK: dict[Any, Any] = {
+RC_PARAMETERS: dict[Any, Any] = {
     "svg.hashsalt": "heli_twin",
     "font.size": 8,
     "axes.spines.top": False,
@@ -22,9 +34,9 @@ LOOK: dict[Any, Any] = {
     "lines.linewidth": 1.2,
     "lines.markersize": 3,
 }
-WIDTH = 3.5
-"""Inches: a column of a paper."""
-LINES = {"line": "-", "steps": "-", "dashes": "--"}
+PANEL_WIDTH_INCHES = 3.5
+"""Width of a column in a paper."""
+LINE_STYLES = {"line": "-", "steps": "-", "dashes": "--"}
 
 
 def write_svg(figure: Figure, path: Path) -> None:
@@ -32,14 +44,15 @@ def write_svg(figure: Figure, path: Path) -> None:
     import matplotlib as mpl
     from matplotlib.figure import Figure as Canvas
 
-    with mpl.rc_context(LOOK):
+    with mpl.rc_context(RC_PARAMETERS):
         panels = figure.panels
         columns = 1 if len(panels) == 1 else 3 if len(panels) > 4 else 2
         rows = -(-len(panels) // columns)
         names = [mark.names for p in panels for mark in p.marks if isinstance(mark, Bars | Dots)]
         height = max(2.4, *(0.26 * len(rows_) + 0.8 for rows_ in names), 0.0)
         # Room for names that are longer than numbers.
-        width = WIDTH + 0.06 * max((len(name) - 12 for rows_ in names for name in rows_ if len(name) > 12), default=0)
+        longest = max((len(name) for rows_ in names for name in rows_), default=0)
+        width = PANEL_WIDTH_INCHES + 0.06 * max(longest - 12, 0)
         canvas = Canvas(figsize=(width * columns, height * rows), layout="constrained")
         places = canvas.subplots(rows, columns, squeeze=False).ravel()
         for axes, panel in zip(places, panels, strict=False):
@@ -98,7 +111,7 @@ def _curve(axes: "Axes", mark: Curve) -> None:
     elif mark.style == "line":
         axes.plot(mark.x, mark.y, "o-", color=shade, label=mark.label)
     else:
-        axes.step(mark.x, mark.y, LINES[mark.style], where="post", color=shade, label=mark.label)
+        axes.step(mark.x, mark.y, LINE_STYLES[mark.style], where="post", color=shade, label=mark.label)
 
 
 def _bars(axes: "Axes", mark: Bars) -> None:
@@ -139,8 +152,8 @@ def _heat(axes: "Axes", mark: Heat, panel: Panel) -> None:
     axes.set_xlim(x[0], x[-1])
     axes.set_ylim(y[0], y[-1])
     axes.figure.colorbar(picture, ax=axes, label=mark.unit)
-    if mark.failure is not None and np.nanmax(mark.failure) >= FAILURE > np.nanmin(mark.failure):
-        axes.contour(mark.x, mark.y, mark.failure, [FAILURE], colors="black", linewidths=1.5)
+    if mark.failure is not None and np.nanmax(mark.failure) >= CONTOUR_RATE > np.nanmin(mark.failure):
+        axes.contour(mark.x, mark.y, mark.failure, [CONTOUR_RATE], colors="black", linewidths=1.5)
 
 
 def _error(value: Any, low: Any, high: Any) -> Any:
@@ -148,18 +161,18 @@ def _error(value: Any, low: Any, high: Any) -> Any:
 
 
 def _legend(canvas: Any, figure: Figure) -> None:
-    """One legend for all panels, below them."""
+    """Draw one legend for all panels below them."""
     labels: dict[str, Mark] = {}
     for panel in figure.panels:
         labels |= {mark.label: mark for mark in panel.marks if isinstance(mark, Curve | Dots) and mark.label}
     if len(labels) < 2:
         return
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for axes in canvas.axes:
         handles, names = axes.get_legend_handles_labels()
-        found |= {name: handle for handle, name in zip(handles, names, strict=True) if name not in found}
-    for columns in range(min(4, len(found)), 0, -1):
-        legend = canvas.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
+        entries |= {name: handle for handle, name in zip(handles, names, strict=True) if name not in entries}
+    for columns in range(min(4, len(entries)), 0, -1):
+        legend = canvas.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
         if columns == 1 or legend.get_window_extent().width <= canvas.bbox.width:
             break
         legend.remove()

@@ -1,4 +1,4 @@
-"""Numbers and names as a person reads them: centimetres, degrees, milliseconds; what a field means."""
+"""Numbers and names for people: centimetres, degrees, milliseconds; units of fields."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -25,7 +25,7 @@ UNITS = {"phase_lag": ("ms", 1e3), "settling_time": ("s", 1.0), "overshoot": ("%
 
 
 class Scale(NamedTuple):
-    """How a metric is shown."""
+    """Name, unit and factor with which a quantity is shown."""
 
     name: str
     unit: str
@@ -38,7 +38,7 @@ class Scale(NamedTuple):
 
 
 def metric(name: str) -> Scale:
-    """How a metric is shown."""
+    """Return name, unit and factor with which a metric is shown."""
     stem, _, axis = name.partition(".")
     text = _name(NAMES.get(stem, stem.replace("_", " ")), axis)
     if stem in LENGTHS:
@@ -59,7 +59,7 @@ def _name(stem: str, axis: str) -> str:
 
 
 def field(path: str, values: Sequence[float] = ()) -> Scale:
-    """How an axis is shown: small times in ms, small weights in g."""
+    """Return the scale of an axis: small times in ms, small masses in g."""
     unit = _unit(Experiment, path.split("."))
     largest = max((abs(value) for value in values), default=np.inf)
     if unit == "s" and largest < 0.5:
@@ -83,7 +83,7 @@ def _unit(spec: type, keys: list[str]) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number with as many digits as matter."""
+    """A number with some significant digits; `-` for a non-finite one."""
     return "-" if not np.isfinite(value) else f"{value:.{digits}g}"
 
 

@@ -1,4 +1,4 @@
-"""Axes of a study: what one field of the experiment is swept over. A class here is one kind of axis.
+"""Axes of a study: the values of one field of the experiment. A class here is one kind of axis.
 
 In a study file an axis is a list, or one kind with its numbers: `{ linspace = [0.024, 0.034, 5] }`.
 """
@@ -12,15 +12,15 @@ from typing import Any, Literal, Protocol
 from heli_twin.experiment.families import members
 from heli_twin.studies.errors import StudyError
 
-LOW, HIGH = 0.05, 0.95
+EXTREME_QUANTILES = 0.05, 0.95
 """The quantiles that stand for the ends of a distribution."""
 
 
 class Axis(Protocol):
-    """What a field is swept over."""
+    """The values that a field takes."""
 
     def levels(self) -> Sequence[Any]:
-        """Its values in order; none for a distribution."""
+        """Its values in order; empty for a distribution."""
         ...
 
     def quantile(self, p: float) -> Any:
@@ -36,17 +36,17 @@ class Values:
     kind: Literal["values"] = "values"
 
     def levels(self) -> Sequence[Any]:
-        """As they were written."""
+        """The values as written."""
         return self.values
 
     def quantile(self, p: float) -> Any:
-        """One of the list."""
+        """The value at this share of the list."""
         return self.values[min(int(p * len(self.values)), len(self.values) - 1)]
 
 
 @dataclass(frozen=True, slots=True)
 class Linspace:
-    """From start to stop in equal steps."""
+    """Values from start to stop in equal steps."""
 
     start: float
     stop: float
@@ -58,17 +58,17 @@ class Linspace:
         _whole(self.number)
 
     def levels(self) -> Sequence[float]:
-        """Both ends included."""
+        """The values, both ends included."""
         return [_tidy(self.quantile(i / max(1, self.number - 1))) for i in range(int(self.number))]
 
     def quantile(self, p: float) -> float:
-        """Anywhere between the ends."""
+        """The value at this share of the range."""
         return self.start + p * (self.stop - self.start)
 
 
 @dataclass(frozen=True, slots=True)
 class Logspace:
-    """From start to stop, each value the same multiple of the one before. Start and stop are values, not exponents."""
+    """Values from start to stop with a constant ratio. Start and stop are values, not exponents."""
 
     start: float
     stop: float
@@ -76,17 +76,17 @@ class Logspace:
     kind: Literal["logspace"] = "logspace"
 
     def __post_init__(self) -> None:
-        """Refuse what has no logarithm."""
+        """Refuse values that have no logarithm."""
         _whole(self.number)
         if self.start <= 0 or self.stop <= 0:
             raise StudyError("a logspace goes from one positive value to another")
 
     def levels(self) -> Sequence[float]:
-        """Both ends included."""
+        """The values, both ends included."""
         return [_tidy(self.quantile(i / max(1, self.number - 1))) for i in range(int(self.number))]
 
     def quantile(self, p: float) -> float:
-        """Anywhere between the ends, evenly in the logarithm."""
+        """The value at this share of the range of logarithms."""
         return self.start * math.exp(p * math.log(self.stop / self.start))
 
 
@@ -99,38 +99,38 @@ class Normal:
     kind: Literal["normal"] = "normal"
 
     def __post_init__(self) -> None:
-        """Refuse what is no distribution."""
+        """Refuse numbers that make no distribution."""
         if self.deviation <= 0:
             raise StudyError("the second number of a normal distribution is its standard deviation, above 0")
 
     def levels(self) -> Sequence[float]:
-        """None."""
+        """An empty sequence: a distribution has no levels."""
         return ()
 
     def quantile(self, p: float) -> float:
-        """By the inverse of the normal distribution."""
+        """The quantile of the normal distribution, cut off at four standard deviations."""
         return NormalDist(self.mean, self.deviation).inv_cdf(min(max(p, 3.2e-5), 1 - 3.2e-5))
 
 
 @dataclass(frozen=True, slots=True)
 class Uniform:
-    """Anything between two values."""
+    """A uniform distribution between two values."""
 
     low: float
     high: float
     kind: Literal["uniform"] = "uniform"
 
     def __post_init__(self) -> None:
-        """Refuse what is no distribution."""
+        """Refuse numbers that make no distribution."""
         if self.low >= self.high:
             raise StudyError("a uniform distribution goes from the lower value to the higher one")
 
     def levels(self) -> Sequence[float]:
-        """None."""
+        """An empty sequence: a distribution has no levels."""
         return ()
 
     def quantile(self, p: float) -> float:
-        """Anywhere between the two."""
+        """The value at this share of the range."""
         return self.low + p * (self.high - self.low)
 
 
@@ -169,7 +169,7 @@ def extremes(axis: Axis) -> list[Any]:
     if isinstance(axis, Values):
         return list(axis.values)
     levels = axis.levels()
-    return [levels[0], levels[-1]] if levels else [_tidy(axis.quantile(LOW)), _tidy(axis.quantile(HIGH))]
+    return [levels[0], levels[-1]] if levels else [_tidy(axis.quantile(p)) for p in EXTREME_QUANTILES]
 
 
 def _is_number(value: Any) -> bool:

@@ -1,4 +1,4 @@
-"""Running a study: what is new is flown, what comes back is stored at once, what is worth keeping is kept."""
+"""Running a study: new runs are flown, each row is stored at once, and the wanted logs are kept."""
 
 import json
 import os
@@ -14,7 +14,7 @@ from typing import Any
 
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Point, Row
-from heli_twin.studies.plan import Plan, Run, plan_of
+from heli_twin.studies.plan import Plan, PlannedFlight, plan_of
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_tree
 from heli_twin.studies.work import fly_task
@@ -23,22 +23,22 @@ from heli_twin.workers.engine import Backend, Done, Trouble, Work, flown
 from heli_twin.workers.fleet import stoppable
 from heli_twin.workers.task import Task
 
-CHUNK = 256
-"""Runs looked up and written down at a time."""
+RUNS_PER_TRANSACTION = 256
+"""Runs looked up and noted in the store at a time."""
 
 
 @dataclass
-class Progress:
-    """How far a study is."""
+class StudyProgress:
+    """The progress of a study."""
 
     total: int
     """Runs it may need."""
     done: int = 0
-    """Runs that are over, those from an earlier launch included."""
+    """Finished runs, with those of earlier launches."""
     flown: int = 0
     """Runs flown by this launch."""
     failed: dict[str, int] = field(default_factory=dict)
-    """How many by what went wrong, this launch."""
+    """Numbers of this launch's failed runs by outcome."""
 
 
 def run_study(
@@ -46,10 +46,10 @@ def run_study(
     out: Path,
     *,
     backend: Callable[[Plan, float], Backend] | None = None,
-    watch: Callable[[Progress], None] = lambda progress: None,
+    watch: Callable[[StudyProgress], None] = lambda progress: None,
     again: bool = False,
     work: Work = fly_task,
-) -> Progress:
+) -> StudyProgress:
     """Fly what a study asks for and has not been flown yet, and write `results.parquet` at the end.
 
     It may be stopped at any time, in any way, and running it again goes on; Ctrl-C and SIGTERM raise a
@@ -59,8 +59,8 @@ def run_study(
     Args:
         study: What to fly.
         out: Folder for the results.
-        backend: Makes what flies, from the plan and the timeout; None for all cores of this machine.
-        watch: Told about progress.
+        backend: Makes the backend from the plan and the timeout, s; None for all cores of this machine.
+        watch: Called with the progress.
         again: Fly the runs again that were killed, hung or raised.
         work: What a worker does with a run.
 
@@ -83,14 +83,14 @@ def run_study(
 
 
 def embedded(plan: Plan, timeout: float, processes: int | None = None) -> Backend:
-    """All cores of this machine, or so many."""
+    """A pool of processes on this machine; None for one on each core."""
     from heli_twin.workers.pebble_pool import PebblePool
 
     return PebblePool(processes, timeout)
 
 
 def time_allowed(plan: Plan) -> float:
-    """How long a flight may take before it counts as hung, s."""
+    """Return the time after which a flight counts as hung, s."""
     return plan.study.timeout or 60 + 5 * json.loads(plan.space.base)["duration"]
 
 
@@ -103,17 +103,17 @@ class Campaign:
         store: Store,
         out: Path,
         work: Work = fly_task,
-        watch: Callable[[Progress], None] = lambda p: None,
+        watch: Callable[[StudyProgress], None] = lambda p: None,
     ) -> None:
         self.plan, self.store, self.out, self.work, self.watch = plan, store, out, work, watch
-        self.progress = Progress(plan.count())
+        self.progress = StudyProgress(plan.count())
         self._next_run = self._next_point = 0
         self._worst: list[float] = []
-        """The worst scores of this launch, as a heap: the least of them on top."""
+        """The worst scores of this launch, as a heap with the least of them first."""
         self._failures_kept = 0
 
     def about(self) -> dict[str, Any]:
-        """What the report says of the study as a whole."""
+        """The facts about the study as a whole that the store keeps for the report."""
         from heli_twin.logbook import provenance
 
         facts = {f"with.{key}": value for key, value in provenance().items()}
@@ -151,10 +151,10 @@ class Campaign:
             self.watch(self.progress)
 
     def _tasks(self, points: Iterable[Point]) -> Iterator[Task]:
-        """What is still to be flown, each run once, all written down as wanted."""
+        """Yield the runs that are still to be flown, each once; all runs are noted in the store as wanted."""
         runs = self.plan.runs(self._counted(points), self._next_point)
         under_way: set[str] = set()
-        while chunk := list(islice(runs, CHUNK)):
+        while chunk := list(islice(runs, RUNS_PER_TRANSACTION)):
             self.store.ask(enumerate(chunk, self._next_run))
             for n, run in enumerate(chunk, self._next_run):
                 if run.id in under_way or self.store.has(run.id):
@@ -170,7 +170,7 @@ class Campaign:
             yield point
             self._next_point += 1
 
-    def _task(self, n: int, run: Run) -> Task:
+    def _task(self, n: int, run: PlannedFlight) -> Task:
         logs = self.plan.study.logs
         stride = max(1, -(-self.progress.total // logs.sampled)) if logs.sampled else 0
         return Task(
@@ -183,7 +183,7 @@ class Campaign:
         )
 
     def _threshold(self) -> float | None:
-        """The score above which a flight may be one of the worst: it only rises."""
+        """Return the score above which a flight may be one of the worst. It never falls."""
         wanted = self.plan.study.logs.worst
         if not wanted:
             return None
@@ -220,7 +220,7 @@ class Campaign:
         return done.result.row | {"attempts": done.tries}, False
 
     def _prune(self) -> None:
-        """Take away logs of flights that were among the worst for a while only."""
+        """Delete the logs of flights that were among the worst only for a while."""
         logs = self.plan.study.logs
         stride = max(1, -(-self.plan.count() // logs.sampled)) if logs.sampled else 0
         keep = {run_id for run_id, _ in self.store.worst(logs.worst)} | set(self.store.failed(2**31))

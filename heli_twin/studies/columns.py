@@ -1,12 +1,12 @@
-"""The columns of a run's row: how it ended, what it was worth, where and with what it was flown."""
+"""The columns of a run's row: outcome, metrics and provenance."""
 
 import math
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.tree import instead
 from heli_twin.metrics.measures import measures
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log
@@ -14,7 +14,7 @@ from heli_twin.studies.errors import StudyError
 
 COMPLETED = "completed"
 """The outcome of a flight that did not fail."""
-MEASURED = (
+MEASURED_COLUMNS = (
     *("control_step_ms.", "solve_ms.", "deadline_misses", "real_time_factor", "wall_time", "attempts"),
     *("host", "started", "git_commit", "cpu", "platform", "python", "version."),
 )
@@ -35,7 +35,7 @@ def columns(log: Log, experiment: Experiment) -> dict[str, Any]:
 
 
 def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested tables as one, names joined by dots; numbers that are none become nothing."""
+    """Nested tables as one, names joined by dots; non-finite numbers become None."""
     row: dict[str, Any] = {}
     for key, value in tree.items():
         if isinstance(value, Mapping):
@@ -47,7 +47,7 @@ def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 @cache
 def metric_names() -> tuple[str, ...]:
-    """The metrics there are, as a flight that never was has them too."""
+    """The names of all metrics; an empty log has every one of them."""
     known = flat(metrics(Log({}))) | flat(measures(Log({})))
     return tuple(name for name in known if name not in ("outcome", "duration", "settling"))
 
@@ -61,6 +61,4 @@ def check_metrics(names: Iterable[str]) -> None:
     known = metric_names()
     for name in names:
         if name not in known:
-            near = get_close_matches(name, known, n=1, cutoff=0.5)
-            hint = f"did you mean '{near[0]}'? " if near else ""
-            raise StudyError(f"unknown metric '{name}': {hint}Available: {', '.join(known)}")
+            raise StudyError(f"unknown metric {instead(name, known)}")

@@ -1,4 +1,4 @@
-"""What can be wrong with a study."""
+"""The error of a study that cannot be flown or reported."""
 
 from heli_twin.errors import HeliTwinError
 

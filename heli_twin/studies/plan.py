@@ -1,4 +1,4 @@
-"""From a study to runs: the base, what is compared, the axes; each run an experiment with an id that never changes."""
+"""From a study to its runs: base, alternatives and axes are checked; each run is an experiment with a lasting id."""
 
 import hashlib
 import json
@@ -23,16 +23,16 @@ PHYSICS_VERSION = 3
 count as flown any more."""
 
 
-class Run(NamedTuple):
-    """One flight of a study."""
+class PlannedFlight(NamedTuple):
+    """One flight that a study asks for."""
 
     id: str
     experiment: str
     """Canonical JSON."""
     coordinates: dict[str, Any]
-    """What the run is in the study: the first columns of its row."""
+    """Its place in the study: the first columns of its row."""
     changes: dict[str, Any]
-    """From the base experiment to this one but for the seed: values by dotted path, one object for all seeds."""
+    """Values by dotted path that turn the base into this experiment, without the seed; one object for all seeds."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class Plan:
     study: Study
     space: Space
     contrast: str
-    """What the alternatives are alternatives of: a path of the experiment, or empty."""
+    """The path of the experiment that the alternatives replace, such as `controller`; empty for named alternatives."""
 
     def count(self) -> int:
-        """How many runs it may need."""
+        """Return the greatest number of runs that it may need."""
         return self.study.design.count(self.space)
 
     def batches(self) -> Batches:
-        """The points to fly, batch by batch."""
+        """Yield the points to fly, batch by batch."""
         return self.study.design.batches(self.space)
 
     @cached_property
@@ -59,14 +59,14 @@ class Plan:
             path for path, axis in self.space.axes.items() if any(not isinstance(v, int | float) for v in axis.levels())
         )
 
-    def runs(self, points: Iterable[Point], first_point: int = 0) -> Iterator[Run]:
-        """The runs of some points: every alternative with every seed."""
+    def runs(self, points: Iterable[Point], first_point: int = 0) -> Iterator[PlannedFlight]:
+        """Yield the runs of some points: every alternative with every seed."""
         for number, point in enumerate(points, first_point):
             for alternative in self.space.alternatives:
                 if point.alternatives is None or alternative.name in point.alternatives:
                     yield from self._runs(number, point, alternative)
 
-    def _runs(self, number: int, point: Point, alternative: Alternative) -> Iterator[Run]:
+    def _runs(self, number: int, point: Point, alternative: Alternative) -> Iterator[PlannedFlight]:
         changes = alternative.changes | point.changes
         tree = varied(self.space.base, changes)
         shown: dict[str, Any] = {self.contrast: alternative.name} if self.contrast else {}
@@ -83,7 +83,7 @@ class Plan:
                 "replicate": seed - self.space.seeds.start,
                 "seed": seed,
             }
-            yield Run(run_id(text), text, {**place, **shown, **point.labels}, changes)
+            yield PlannedFlight(run_id(text), text, {**place, **shown, **point.labels}, changes)
 
 
 def plan_of(study: Study) -> Plan:
@@ -120,9 +120,9 @@ def _base(study: Study) -> str:
 
 
 def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
-    """What is compared, and the path of which they are alternatives, if they are of one.
+    """The alternatives, and the path of the experiment that they replace (empty if they are named ones).
 
-    As named, or else the axis over a part of the experiment such as the controller.
+    Without named alternatives an axis over a part of the experiment, such as the controller, gives them.
 
     Raises:
         StudyError: They are no tables, or that axis has no values.
@@ -143,7 +143,7 @@ def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
 
 
 def _check_levels(space: Space) -> None:
-    """Every alternative with every value of every axis: no flight may find out that a value is impossible."""
+    """Check every alternative with every value of every axis, so that no flight is refused later."""
     for alternative in space.alternatives:
         experiment_of(varied(space.base, alternative.changes))
         for path, axis in space.axes.items():

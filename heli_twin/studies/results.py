@@ -1,31 +1,30 @@
-"""Results at rest: one Parquet file, one row a run, opened by DuckDB, polars, pandas and by the report."""
+"""Results of a finished study: one Parquet file with a row for each run, for DuckDB, polars, pandas and the report."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.store import Store
+from heli_twin.whole_file import whole_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 RESULTS = "results.parquet"
-ROWS_A_GROUP = 50_000
+ROWS_PER_GROUP = 50_000
 
 
 def write_parquet(store: Store, path: Path) -> None:
-    """Write all rows in the order of the study, with one schema, by tmp and rename."""
+    """Write all rows in the order of the study, with one schema; the file is whole or absent."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     kinds = {"INTEGER": pa.int64(), "REAL": pa.float64(), "TEXT": pa.string()}
     schema = pa.schema([(name, kinds[kind]) for name, kind in store.columns().items()])
-    part = path.with_name(path.name + ".part")
-    with pq.ParquetWriter(part, schema, compression="zstd") as writer:
-        for block in store.blocks(ROWS_A_GROUP):
+    with whole_file(path) as part, pq.ParquetWriter(part, schema, compression="zstd") as writer:
+        for block in store.blocks(ROWS_PER_GROUP):
             columns = [pa.array(column, f.type) for column, f in zip(zip(*block, strict=True), schema, strict=True)]
-            writer.write_table(pa.Table.from_arrays(columns, schema=schema), row_group_size=ROWS_A_GROUP)
-    part.replace(path)
+            writer.write_table(pa.Table.from_arrays(columns, schema=schema), row_group_size=ROWS_PER_GROUP)
 
 
 def read_results(folder: Path, columns: list[str] | None = None) -> "pa.Table":

@@ -1,4 +1,4 @@
-"""What a design makes points of: the base experiment, what is compared, what is swept, the seeds."""
+"""The space of a design: base experiment, alternatives, axes and seeds."""
 
 import json
 from collections.abc import Mapping
@@ -11,31 +11,31 @@ from heli_twin.studies.axes import Axis
 
 
 class Alternative(NamedTuple):
-    """One of the things compared."""
+    """One of the compared experiments."""
 
     name: str
     changes: dict[str, Any]
-    """Of the base: values by dotted path."""
+    """Its changes of the base: values by dotted path."""
 
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """Where a design may put its points."""
+    """The space in which a design places its points."""
 
     base: str
     """The base experiment, canonical JSON."""
     alternatives: tuple[Alternative, ...]
     axes: Mapping[str, Axis]
-    """By the path of the field that each sweeps."""
+    """The axes by the path of the field that each varies."""
     seeds: range
-    """Those that every point is flown with; designs that draw begin from the first."""
+    """The seeds of every point; designs that draw points use the first of them."""
     score: str
     """The metric that ranks flights, smaller is better."""
     penalty: float
     """The score of a flight that failed."""
 
     def runs(self, points: int) -> int:
-        """How many runs so many points are."""
+        """Return the number of runs of so many points."""
         return points * len(self.alternatives) * len(self.seeds)
 
 

@@ -1,4 +1,4 @@
-"""Results while a study runs: SQLite in WAL mode, written by the driver alone, whole after a kill at any moment."""
+"""Results of a running study: SQLite in WAL mode, written by the driver alone, intact after a kill at any moment."""
 
 import json
 import sqlite3
@@ -10,19 +10,19 @@ from typing import Any
 
 from heli_twin.pasteable import pasteable
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.plan import Run
+from heli_twin.studies.plan import PlannedFlight
 from heli_twin.studies.wide_table import WideTable, listed
 
-ABOUT = "CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT)"
-SETTINGS = "CREATE TABLE IF NOT EXISTS settings (setting INTEGER PRIMARY KEY, changes TEXT)"
-FLIGHTS = '"id" TEXT PRIMARY KEY, "outcome" TEXT, "score_" REAL, "trouble_" INTEGER, "outcome_text" TEXT'
-RUNS = '"n" INTEGER PRIMARY KEY, "id" TEXT, "setting" INTEGER, "alternative" TEXT, "point" INTEGER, "seed" INTEGER'
-INDEXES = ("CREATE INDEX IF NOT EXISTS scores ON flights (score_)", "CREATE INDEX IF NOT EXISTS ids ON runs (id)")
-FORMAT = 1
-"""Of the file; raised when an older one cannot be read any more."""
-BLOCK = 1000
-OURS = ("n", "setting", "score_", "trouble_")
-"""Columns that are nobody else's business."""
+ABOUT_SQL = "CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT)"
+SETTINGS_SQL = "CREATE TABLE IF NOT EXISTS settings (setting INTEGER PRIMARY KEY, changes TEXT)"
+FLIGHTS_SQL = '"id" TEXT PRIMARY KEY, "outcome" TEXT, "score_" REAL, "trouble_" INTEGER, "outcome_text" TEXT'
+RUNS_SQL = '"n" INTEGER PRIMARY KEY, "id" TEXT, "setting" INTEGER, "alternative" TEXT, "point" INTEGER, "seed" INTEGER'
+INDEXES_SQL = ("CREATE INDEX IF NOT EXISTS scores ON flights (score_)", "CREATE INDEX IF NOT EXISTS ids ON runs (id)")
+FORMAT_VERSION = 1
+"""Version of the file's format; raised when older files cannot be read any more."""
+ROWS_PER_READ = 1000
+INTERNAL_COLUMNS = ("n", "setting", "score_", "trouble_")
+"""Columns that only this module uses."""
 
 
 class Store:
@@ -43,12 +43,13 @@ class Store:
             self._db = sqlite3.connect(self.path, isolation_level=None)
             self._check_format()
             if write:
-                self._db.execute(f"PRAGMA user_version={FORMAT}")
+                self._db.execute(f"PRAGMA user_version={FORMAT_VERSION}")
                 self._db.execute("PRAGMA journal_mode=WAL")
                 self._db.execute("PRAGMA synchronous=NORMAL")
-            self._runs, self._flights = WideTable(self._db, "runs", RUNS), WideTable(self._db, "flights", FLIGHTS)
+            self._runs = WideTable(self._db, "runs", RUNS_SQL)
+            self._flights = WideTable(self._db, "flights", FLIGHTS_SQL)
             if write:
-                for sql in (ABOUT, SETTINGS):
+                for sql in (ABOUT_SQL, SETTINGS_SQL):
                     self._db.execute(sql)
                 self._runs.create()
                 self._flights.create()
@@ -56,10 +57,10 @@ class Store:
             raise StudyError(f"{self.path} cannot be used ({error}): move it away, or give another --out") from None
 
     def _check_format(self) -> None:
-        """An empty file is new; anything else has to be ours, and of this version."""
+        """Refuse a file that is neither empty nor a store of this version."""
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
         (tables,) = self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        if tables and version != FORMAT:
+        if tables and version != FORMAT_VERSION:
             raise StudyError(f"{self.path} was written by another version: move it away, or give another --out")
 
     def begin(self, about: Mapping[str, Any]) -> None:
@@ -68,7 +69,7 @@ class Store:
             self._runs.renew()
             self._db.execute("DELETE FROM settings")
             self._db.execute("DELETE FROM about")
-            for sql in INDEXES:
+            for sql in INDEXES_SQL:
                 self._db.execute(sql)
             self.note(about)
         self._setting: tuple[int, dict[str, Any]] = (-1, {})
@@ -77,12 +78,12 @@ class Store:
         """Keep facts about the study as a whole."""
         self._db.executemany("REPLACE INTO about VALUES (?, ?)", [(k, json.dumps(v)) for k, v in about.items()])
 
-    def ask(self, runs: Iterable[tuple[int, Run]]) -> None:
+    def ask(self, runs: Iterable[tuple[int, PlannedFlight]]) -> None:
         """Write down numbered runs that the study wants."""
         with self._transaction():
             self._runs.put(self._asked(runs))
 
-    def _asked(self, runs: Iterable[tuple[int, Run]]) -> Iterator[dict[str, Any]]:
+    def _asked(self, runs: Iterable[tuple[int, PlannedFlight]]) -> Iterator[dict[str, Any]]:
         for n, run in runs:
             number, changes = self._setting
             if changes is not run.changes or number < 0:
@@ -102,7 +103,7 @@ class Store:
         self._db.execute("DELETE FROM flights WHERE trouble_")
 
     def has(self, run_id: str) -> bool:
-        """Whether a run has been flown."""
+        """Return whether a run has been flown."""
         return self._db.execute("SELECT 1 FROM flights WHERE id = ?", (run_id,)).fetchone() is not None
 
     def about(self) -> dict[str, Any]:
@@ -110,11 +111,11 @@ class Store:
         return {key: json.loads(value) for key, value in self._db.execute("SELECT key, value FROM about")}
 
     def outcomes(self) -> Counter[str]:
-        """How the runs that the study wants have ended so far."""
-        found = self._db.execute(
+        """Numbers of the wanted runs by outcome, so far."""
+        counts = self._db.execute(
             "SELECT outcome, count(*) FROM runs JOIN flights USING (id) GROUP BY outcome ORDER BY outcome"
         )
-        return Counter(dict(found.fetchall()))
+        return Counter(dict(counts.fetchall()))
 
     def worst(self, number: int) -> list[tuple[str, float]]:
         """Ids and scores of the worst that completed."""
@@ -127,19 +128,19 @@ class Store:
     def failed(self, number: int) -> list[str]:
         """Ids of the first flights that failed."""
         query = "SELECT DISTINCT id FROM runs JOIN flights USING (id) WHERE outcome != 'completed' ORDER BY n LIMIT ?"
-        return [found for (found,) in self._db.execute(query, (number,))]
+        return [run_id for (run_id,) in self._db.execute(query, (number,))]
 
     def every(self, stride: int) -> set[str]:
         """Ids of the sampled runs: one of each `stride`."""
         query = "SELECT id FROM runs WHERE n % ? = ?"
-        return {found for (found,) in self._db.execute(query, (stride, stride // 2))}
+        return {run_id for (run_id,) in self._db.execute(query, (stride, stride // 2))}
 
     def find(self, start: str) -> tuple[str, dict[str, Any]] | None:
         """The run whose id begins so: its id and its changes of the base, the seed among them."""
         join = "runs JOIN settings USING (setting)"
         query = f"SELECT id, changes, seed FROM {join} WHERE id >= ? AND id < ? ORDER BY id LIMIT 1"
-        found = self._db.execute(query, (start, start + "~")).fetchone()
-        return (found[0], json.loads(found[1]) | {"seed": found[2]}) if found else None
+        run = self._db.execute(query, (start, start + "~")).fetchone()
+        return (run[0], json.loads(run[1]) | {"seed": run[2]}) if run else None
 
     def row(self, run_id: str) -> dict[str, Any]:
         """The row of one flown run."""
@@ -151,12 +152,12 @@ class Store:
         self._runs.read()
         self._flights.read()
         both = self._runs.columns | {k: v for k, v in self._flights.columns.items() if k not in self._runs.columns}
-        return {name: kind for name, kind in both.items() if name not in OURS}
+        return {name: kind for name, kind in both.items() if name not in INTERNAL_COLUMNS}
 
     def rows(self, first: int = 0, last: int = 2**62) -> Iterator[dict[str, Any]]:
         """Rows of the runs numbered first to last that have been flown; what a row lacks is left out."""
         names = list(self.columns())
-        for block in self.blocks(BLOCK, first, last):
+        for block in self.blocks(ROWS_PER_READ, first, last):
             for row in block:
                 yield {name: value for name, value in zip(names, row, strict=True) if value is not None}
 
@@ -171,12 +172,12 @@ class Store:
         query = (
             f"SELECT {chosen} FROM runs CROSS JOIN flights ON runs.id = flights.id WHERE n BETWEEN ? AND ? ORDER BY n"
         )
-        found = self._db.execute(query, (first, last))
-        while block := found.fetchmany(size):
+        cursor = self._db.execute(query, (first, last))
+        while block := cursor.fetchmany(size):
             yield block
 
     def close(self) -> None:
-        """Let go of the folder."""
+        """Close the database and release the lock."""
         with suppress(sqlite3.Error):
             self._db.close()
         if self._lock is not None:

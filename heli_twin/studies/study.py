@@ -1,9 +1,8 @@
-"""A study as a value: what is flown, over which axes, compared how. Read from TOML or made in Python."""
+"""A study as a value: base experiment, axes, alternatives and design. Read from TOML or made in Python."""
 
 import tomllib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields
-from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,18 +10,16 @@ from typing import Annotated, Any
 from annotated_types import Ge, Gt, Le, MinLen, doc
 
 from heli_twin.experiment.families import OneOf, members
-from heli_twin.experiment.tree import ExperimentError, spec_of
+from heli_twin.experiment.tree import ExperimentError, Tree, instead, spec_of
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
 from heli_twin.tuning.record import uncommented
 
-Table = dict[str, Any]
-
 
 @dataclass(frozen=True, slots=True)
 class Logs:
-    """Which flights leave their MCAP behind."""
+    """The numbers of flights whose MCAP logs are kept."""
 
     failed: Annotated[int, Ge(0), doc("of the first so many that failed")] = 50
     worst: Annotated[int, Ge(0), doc("of so many that completed with the worst score")] = 5
@@ -35,13 +32,13 @@ class Study:
 
     name: Annotated[str, MinLen(1), doc("of the folder with the results")] = "study"
     question: Annotated[str, doc("what it answers, one sentence")] = ""
-    base: Annotated[Table, doc("the experiment that is varied; `preset` names what it starts from")] = field(
+    base: Annotated[Tree, doc("the experiment that is varied; `preset` names what it starts from")] = field(
         default_factory=dict
     )
-    alternatives: Annotated[Table, doc("what is compared: a name, and the changes it stands for")] = field(
+    alternatives: Annotated[Tree, doc("what is compared: a name, and the changes it stands for")] = field(
         default_factory=dict
     )
-    axes: Annotated[Table, doc("what is swept: a dotted path, and its values")] = field(default_factory=dict)
+    axes: Annotated[Tree, doc("what is swept: a dotted path, and its values")] = field(default_factory=dict)
     design: Annotated[Design, OneOf("heli_twin.studies.designs"), doc("which points of the axes are flown")] = field(
         default_factory=Grid
     )
@@ -57,7 +54,7 @@ class Study:
         "max_abs_error.position",
     )
     tuning: Annotated[
-        tuple[Table, ...], doc("records of how controllers were tuned, as `heli-twin tune --save` leaves them")
+        tuple[Tree, ...], doc("records of how controllers were tuned, as `heli-twin tune --save` leaves them")
     ] = ()
     penalty: Annotated[float, Gt(0), doc("the score of a flight that failed")] = 2.5
     logs: Annotated[Logs, doc("which flights leave their MCAP behind")] = field(default_factory=Logs)
@@ -94,11 +91,7 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
     known = shipped()
     path = known.get(source, Path(source))
     if source not in known and path.suffix != ".toml":
-        near = get_close_matches(source, known, n=1, cutoff=0.5)
-        hint = f"did you mean '{near[0]}'? " if near else ""
-        raise StudyError(
-            f"unknown study '{source}': {hint}Available: {', '.join(known)}; a file of your own ends in .toml"
-        )
+        raise StudyError(f"unknown study {instead(source, known)}; a file of your own ends in .toml")
     tree = _parsed(path, _text(path))
     tree.setdefault("name", path.stem)
     _read_parts(tree)
@@ -116,14 +109,14 @@ def _text(path: Path) -> str:
         raise StudyError(f"cannot read {path}: {reason}") from None
 
 
-def _parsed(path: Path, text: str) -> Table:
+def _parsed(path: Path, text: str) -> Tree:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise StudyError(f"{path} is not valid TOML: {error}") from None
 
 
-def _read_parts(tree: Table) -> None:
+def _read_parts(tree: Tree) -> None:
     """Put the parts in place that are named by files: `controller = "pid.toml"`, as on the command line."""
     alternatives = tree.get("alternatives")
     places = [tree.get("base"), *(alternatives.values() if isinstance(alternatives, dict) else ())]
@@ -133,14 +126,14 @@ def _read_parts(tree: Table) -> None:
             tree["tuning"] = [*tree.get("tuning", ()), *records]
 
 
-def _files(changes: Table) -> dict[str, Path]:
+def _files(changes: Tree) -> dict[str, Path]:
     named = {part: Path(v) for part, v in changes.items() if isinstance(v, str) and v.endswith(".toml")}
     # A preset is read where the base begins.
     named.pop("preset", None)
     return named
 
 
-def _part(path: Path, part: str) -> tuple[Table, list[Table]]:
+def _part(path: Path, part: str) -> tuple[Tree, list[Tree]]:
     """A part of an experiment in a file, and the record of its tuning if it has one."""
     text = _text(path)
     table = _parsed(path, text).get(part)
@@ -150,7 +143,7 @@ def _part(path: Path, part: str) -> tuple[Table, list[Table]]:
     return table, [record] if record else []
 
 
-def study_of(tree: Table) -> Study:
+def study_of(tree: Tree) -> Study:
     """A study from nested tables, as a TOML file holds them.
 
     Raises:
@@ -170,12 +163,12 @@ def study_of(tree: Table) -> Study:
     return study
 
 
-def study_tree(study: Study) -> Table:
+def study_tree(study: Study) -> Tree:
     """A study as nested tables of plain values."""
     return asdict(study)
 
 
-def _override(tree: Table, text: str) -> None:
+def _override(tree: Tree, text: str) -> None:
     """Change a study's tables as `field=value` says."""
     path, equals, written = text.partition("=")
     if not equals or not path.strip():
@@ -193,7 +186,7 @@ def _override(tree: Table, text: str) -> None:
         _set(tree, [first, *rest], value)
 
 
-def _set(tree: Table, keys: list[str], value: Any) -> None:
+def _set(tree: Tree, keys: list[str], value: Any) -> None:
     """Set a value in nested tables; `part = "kind"` is short for a table, and another kind starts afresh."""
     for key in keys[:-1]:
         inner = tree.get(key, {})

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from operator import itemgetter
 from typing import Any
 
-WHOLE = frozenset({"n", "point", "replicate", "seed", "attempts", "setting", "height", "level", "sample", "trial"})
+INTEGER_COLUMNS = {"n", "point", "replicate", "seed", "attempts", "setting", "height", "level", "sample", "trial"}
 """Columns of whole numbers; any other number is a float, so that a column has one type whatever comes first."""
 
 
@@ -30,14 +30,14 @@ class WideTable:
         self.read()
 
     def renew(self) -> None:
-        """Forget all rows and columns."""
+        """Delete all rows and columns."""
         self._db.execute(f"DROP TABLE IF EXISTS {self._name}")
         self.create()
 
     def read(self) -> None:
-        """Look which columns there are."""
-        found = self._db.execute(f"PRAGMA table_info({self._name})").fetchall()
-        self.columns = {name: kind for _, name, kind, *_ in found}
+        """Read which columns there are."""
+        info = self._db.execute(f"PRAGMA table_info({self._name})").fetchall()
+        self.columns = {name: kind for _, name, kind, *_ in info}
 
     def put(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows, or replace those with the same key; what a row lacks is null."""
@@ -59,7 +59,7 @@ class WideTable:
         self._db.executemany(f"REPLACE INTO {self._name} ({listed(names)}) VALUES ({places})", values)
 
     def _grow(self, name: str, value: Any) -> None:
-        kind = "INTEGER" if name in WHOLE else "TEXT" if isinstance(value, str) else "REAL"
+        kind = "INTEGER" if name in INTEGER_COLUMNS else "TEXT" if isinstance(value, str) else "REAL"
         self._db.execute(f"ALTER TABLE {self._name} ADD COLUMN {quoted(name)} {kind}")
         self.columns[name] = kind
 

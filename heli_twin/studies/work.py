@@ -1,4 +1,4 @@
-"""What a worker does: fly one run and bring back its row, and its log if somebody wants to see it."""
+"""The work of a worker process: fly one run; return its row, and its log if it is to be kept."""
 
 import socket
 from io import BytesIO
@@ -7,12 +7,12 @@ from typing import Any
 
 from heli_twin.workers.task import Flown, Task
 
-WIRES = ("/truth", "/reference", "/command/sent", "/mpc/qp", "/timing")
-"""What the columns of a row are computed from; the rest of a log is not decoded."""
+DECODED_TOPICS = ("/truth", "/reference", "/command/sent", "/mpc/qp", "/timing")
+"""The topics from which the columns of a row are computed; other topics are not decoded."""
 
 
 def fly_task(task: Task) -> Flown:
-    """Fly a run; a flight that went wrong is a row like any other."""
+    """Fly a run; a failed flight is a row like any other."""
     from heli_twin.experiment.tree import ExperimentError, from_json
     from heli_twin.mission import fly
     from heli_twin.recording import read_log
@@ -23,7 +23,7 @@ def fly_task(task: Task) -> Flown:
     try:
         experiment = from_json(task.experiment)
         result = fly(experiment, log_dir=None)
-        log = read_log(BytesIO(result.data or b""), WIRES)
+        log = read_log(BytesIO(result.data or b""), DECODED_TOPICS)
     except ExperimentError as error:
         return Flown(about | {"outcome": "refused", "outcome_text": str(error)})
     row = about | columns(log, experiment) | {"real_time_factor": result.real_time_factor}

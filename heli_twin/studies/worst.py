@@ -1,4 +1,4 @@
-"""Single runs of a study: the ones to look at, and what flies them again."""
+"""Single runs of a study: the worst ones, and the commands that show them."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -12,32 +12,32 @@ from heli_twin.studies.space import varied
 from heli_twin.studies.store import Store
 
 
-class Bad(NamedTuple):
-    """A run worth looking at."""
+class WorstRun(NamedTuple):
+    """A run that failed or completed with a bad score."""
 
     id: str
     what: str
-    """What became of it, where in the study."""
+    """Its outcome or score, and its place in the study."""
     command: str
-    """What replays its log, or else flies it again."""
+    """The command that replays its log, or flies it again if no log was kept."""
 
 
-def worst_runs(folder: Path, number: int = 10) -> list[Bad]:
+def worst_runs(folder: Path, number: int = 10) -> list[WorstRun]:
     """The runs that failed, in the study's order, and then those that completed with the worst score."""
     with Store(folder) as store:
         study = store.about()["study"]
-        ids = [*store.failed(number), *(found for found, _ in store.worst(number))][:number]
+        ids = [*store.failed(number), *(run_id for run_id, _ in store.worst(number))][:number]
         rows = {run_id: store.row(run_id) for run_id in ids}
-    found = []
+    worst: list[WorstRun] = []
     for run_id, row in rows.items():
         place = ", ".join(f"{key} {row[key]}" for key in ("alternative", *study["axes"], "rung", "seed") if key in row)
         what = row["outcome_text"] if row["outcome"] != COMPLETED else f"{study['score']} {row.get(study['score']):.4g}"
-        found.append(Bad(run_id, f"{what} ({place})", command_of(folder, run_id)))
-    return found
+        worst.append(WorstRun(run_id, f"{what} ({place})", command_of(folder, run_id)))
+    return worst
 
 
 def command_of(folder: Path, run_id: str) -> str:
-    """What shows a run again: its log if it was kept, else the flight."""
+    """The command that replays a run's log, or flies it again if no log was kept."""
     log = folder / "logs" / f"{run_id}.mcap"
     return pasteable("heli-twin", "replay", log) if log.exists() else fly_command(experiment_by_id(folder, run_id))
 
@@ -49,7 +49,7 @@ def experiment_by_id(folder: Path, start: str) -> str:
         StudyError: The study has no such run.
     """
     with Store(folder) as store:
-        found, base = store.find(start), store.about()["base"]
-    if found is None:
+        run, base = store.find(start), store.about()["base"]
+    if run is None:
         raise StudyError(f"{folder} has no run '{start}': `heli-twin study worst` and the report print ids")
-    return canonical_json(experiment_of(varied(base, found[1])))
+    return canonical_json(experiment_of(varied(base, run[1])))

@@ -6,7 +6,7 @@ import numpy as np
 
 from heli_twin.studies.campaign import Campaign
 from heli_twin.studies.columns import metric_names
-from heli_twin.studies.plan import Run, plan_of
+from heli_twin.studies.plan import PlannedFlight, plan_of
 from heli_twin.studies.report import write_report
 from heli_twin.studies.results import RESULTS, write_parquet
 from heli_twin.studies.store import Store
@@ -42,7 +42,7 @@ def fill(folder):
         store.begin(Campaign(plan, store, folder).about())
         runs = synthetic_runs()
         while chunk := list(islice(runs, CHUNK)):
-            store.ask((n, Run(f"{n:016x}", "", place, CHANGES)) for n, place, _ in chunk)
+            store.ask((n, PlannedFlight(f"{n:016x}", "", place, CHANGES)) for n, place, _ in chunk)
             rows = []
             for n, _, score in chunk:
                 failed = score > 1.5

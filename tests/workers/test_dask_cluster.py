@@ -6,7 +6,7 @@ import hooks
 import pytest
 
 from heli_twin.studies.campaign import embedded, run_study
-from heli_twin.studies.columns import MEASURED
+from heli_twin.studies.columns import MEASURED_COLUMNS
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import study_of, study_tree
 
@@ -31,7 +31,7 @@ def on(cluster):
 
 def determined(row):
     """What a flight's experiment determines, the digest of its every message included."""
-    return {key: value for key, value in row.items() if not key.startswith(MEASURED)}
+    return {key: value for key, value in row.items() if not key.startswith(MEASURED_COLUMNS)}
 
 
 def test_a_cluster_brings_the_same_rows_as_one_machine(small, cluster, tmp_path):

@@ -8,7 +8,7 @@ from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Space
 
 Row = Mapping[str, Any]
-"""One flown run: its columns by name."""
+"""The columns of one flown run by name."""
 
 
 class Point(NamedTuple):
@@ -17,21 +17,21 @@ class Point(NamedTuple):
     changes: dict[str, Any]
     """Values by dotted path, put onto the base in this order."""
     labels: Mapping[str, Any] = MappingProxyType({})
-    """More columns of its rows: what the point is to its design."""
+    """Further columns of its rows, which the report of this design needs."""
     alternatives: tuple[str, ...] | None = None
-    """Only these; None for all."""
+    """The alternatives that fly this point; None for all."""
     seeds: tuple[int, ...] | None = None
-    """Only these; None for all."""
+    """The seeds that fly this point; None for all."""
 
 
 Batches = Generator[Iterable[Point], list[Row], None]
 
 
 class Design(Protocol):
-    """Which points are flown. A frozen dataclass with a literal `kind`."""
+    """A choice of the points to fly. A frozen dataclass with a literal `kind`."""
 
     adaptive: ClassVar[bool]
-    """Whether what is flown next depends on what was flown: then each batch is answered with its rows."""
+    """True if the next batch depends on the rows of the last one; those rows are then sent to the generator."""
 
     @property
     def kind(self) -> str:
@@ -47,11 +47,11 @@ class Design(Protocol):
         ...
 
     def count(self, space: Space) -> int:
-        """How many runs it flies, at most."""
+        """Return the greatest number of runs that it may fly."""
         ...
 
     def batches(self, space: Space) -> Batches:
-        """The points to fly, batch by batch."""
+        """Yield the points to fly, batch by batch."""
         ...
 
 

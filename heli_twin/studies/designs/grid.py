@@ -18,7 +18,7 @@ class Grid:
     kind: Literal["grid"] = "grid"
 
     def check(self, space: Space) -> None:
-        """A distribution has no values to combine."""
+        """Refuse distributions, which have no values to combine."""
         for path, axis in space.axes.items():
             if not axis.levels():
                 raise StudyError(
@@ -31,7 +31,7 @@ class Grid:
         return space.runs(prod(len(axis.levels()) for axis in space.axes.values()))
 
     def batches(self, space: Space) -> Batches:
-        """One batch, the last axis moving fastest."""
+        """Yield one batch; the last axis changes fastest."""
         paths = list(space.axes)
         yield (
             Point(dict(zip(paths, values, strict=True)))

@@ -14,7 +14,7 @@ from heli_twin.studies.space import Space, varied
 
 @dataclass(frozen=True, slots=True)
 class Ladder:
-    """From the base upwards, each rung on top of those before it."""
+    """The base, and then one rung after another; each rung keeps the changes of those below it."""
 
     adaptive: ClassVar[bool] = False
     kind: Literal["ladder"] = "ladder"
@@ -25,7 +25,7 @@ class Ladder:
     ] = ()
 
     def check(self, space: Space) -> None:
-        """Rungs with names that differ and changes that can be flown; no axes."""
+        """Refuse rungs with equal names or changes that cannot be flown, and axes."""
         if not self.rungs:
             raise StudyError("a ladder needs rungs: add [[design.rungs]] with a name and the changes it makes")
         if space.axes:
@@ -45,7 +45,7 @@ class Ladder:
         return space.runs(1 + len(self.rungs))
 
     def batches(self, space: Space) -> Batches:
-        """One batch, from below."""
+        """Yield one batch, the lowest rung first."""
         yield self._points()
 
     def _points(self) -> Iterator[Point]:

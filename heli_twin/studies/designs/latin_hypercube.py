@@ -18,15 +18,15 @@ class LatinHypercube:
     points: Annotated[int, Ge(1), doc("how many")] = 64
 
     def check(self, space: Space) -> None:
-        """It needs axes."""
+        """Refuse a study without axes."""
         need_axes(space, "latin_hypercube")
 
     def count(self, space: Space) -> int:
-        """As many points as asked for."""
+        """The number of points times alternatives and seeds."""
         return space.runs(self.points)
 
     def batches(self, space: Space) -> Batches:
-        """One batch."""
+        """Yield one batch."""
         from scipy.stats import qmc
 
         shares = qmc.LatinHypercube(len(space.axes), rng=space.seeds.start).random(self.points)

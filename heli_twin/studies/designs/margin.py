@@ -31,7 +31,7 @@ class Margin:
     halvings: Annotated[int, Ge(0), Le(30), doc("of the interval that the coarse values leave")] = 4
 
     def check(self, space: Space) -> None:
-        """Ranges to search, and criteria that exist."""
+        """Refuse axes that are no ranges, and unknown criteria."""
         need_axes(space, "margin")
         if not self.criteria:
             raise StudyError("a margin needs a criterion: design.criteria = { 'sustained.yaw' = 0.07 }")
@@ -45,7 +45,7 @@ class Margin:
         return space.runs(len(space.axes) * (self.coarse + len(self.criteria) * self.halvings))
 
     def batches(self, space: Space) -> Batches:
-        """The coarse values; then one halving of every search at a time."""
+        """Yield the coarse values, and then one halving of every search at a time."""
         shares = [i / (self.coarse - 1) for i in range(self.coarse)]
         rows = yield [self.point_at(space, path, share) for path in space.axes for share in shares]
         searches = list(self._searches(space, rows))
@@ -89,27 +89,27 @@ class Search:
 
     @property
     def open(self) -> bool:
-        """Whether there is an interval to halve."""
+        """True if there is an interval to halve."""
         return self.low is not None and self.high is not None
 
     @property
     def middle(self) -> float:
-        """Where to look next."""
+        """The next share to fly."""
         assert self.low is not None
         assert self.high is not None
         return 0.5 * (self.low + self.high)
 
     @property
     def place(self) -> tuple[str, float, str, int]:
-        """What tells its next flight from others; searches by different criteria may share it."""
+        """The key of its next flight; searches with different criteria may share one flight."""
         return (self.path, self.middle, self.alternative, self.seed)
 
     def point(self, design: Margin, space: Space) -> Point:
-        """The flight to look at next."""
+        """The next flight of this search."""
         return design.point_at(space, self.path, self.middle, self)
 
     def learn(self, row: Row, criteria: Mapping[str, float]) -> None:
-        """Halve the interval."""
+        """Halve the interval by the result of the flight at its middle."""
         if acceptable(row, self.criterion, criteria):
             self.low = self.middle
         else:
@@ -127,6 +127,6 @@ def bracket(rows: Sequence[Row], criterion: str, criteria: Mapping[str, float]) 
 
 
 def acceptable(row: Row, criterion: str, criteria: Mapping[str, float]) -> bool:
-    """Whether a flight completed, and its metric is within the criterion."""
+    """Return whether a flight completed and its metric is within the criterion."""
     value: Any = row.get(criterion)
     return row["outcome"] == COMPLETED and value is not None and value <= criteria[criterion]

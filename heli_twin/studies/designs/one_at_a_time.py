@@ -1,4 +1,4 @@
-"""One axis moved at a time, the others left at the base: what a tornado plot shows."""
+"""One axis moved at a time, the others left at the base, for a tornado plot."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -24,7 +24,7 @@ class OneAtATime:
         return space.runs(1 + sum(len(extremes(axis)) for axis in space.axes.values()))
 
     def batches(self, space: Space) -> Batches:
-        """One batch, the base first."""
+        """Yield one batch, the base first."""
         points = [Point({}, {"varied": "", "level": None})]
         for path, axis in space.axes.items():
             for level, value in enumerate(extremes(axis)):

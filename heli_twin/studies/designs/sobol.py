@@ -1,4 +1,4 @@
-"""The points from which Sobol's sensitivity indices follow: matrices A and B, and A with one column of B at a time."""
+"""Points for Sobol's sensitivity indices: the matrices A and B, and A with one column of B at a time."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Sobol:
     n: Annotated[int, Ge(2), doc("rows of A and B, a power of 2")] = 64
 
     def check(self, space: Space) -> None:
-        """Two axes at least, and a power of two."""
+        """Refuse fewer than two axes, and an n that is no power of two."""
         need_axes(space, "sobol")
         if len(space.axes) < 2:
             raise StudyError("Sobol indices share a variance out among axes: give at least two")
@@ -35,7 +35,7 @@ class Sobol:
         return space.runs(self.n * (len(space.axes) + 2))
 
     def batches(self, space: Space) -> Batches:
-        """One batch."""
+        """Yield one batch."""
         yield self._points(space)
 
     def _points(self, space: Space) -> Iterator[Point]:

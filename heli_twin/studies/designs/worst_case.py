@@ -10,6 +10,9 @@ from heli_twin.studies.designs import Batches, Point, Row, need_axes
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Space
 
+Origin = Literal["search", "random"]
+"""Whether a point comes from the search or from the random baseline."""
+
 
 @dataclass(frozen=True, slots=True)
 class WorstCase:
@@ -25,7 +28,7 @@ class WorstCase:
     round: Annotated[int, Ge(1), Le(1000), doc("points asked for at a time")] = 8
 
     def check(self, space: Space) -> None:
-        """It needs axes that have more than one value."""
+        """Refuse axes with a single value."""
         need_axes(space, "worst_case")
         for path, axis in space.axes.items():
             if axis.quantile(0.0) == axis.quantile(1 - 1e-9):
@@ -36,7 +39,7 @@ class WorstCase:
         return space.runs(2 * self.trials)
 
     def batches(self, space: Space) -> Batches:
-        """The baseline, and then the search, round by round."""
+        """Yield the random baseline, and then the search, round by round."""
         from numpy.random import default_rng
 
         shares = default_rng(space.seeds.start).random((self.trials, len(space.axes))).tolist()
@@ -54,9 +57,9 @@ class WorstCase:
                 mine = [row for row in rows if row["alternative"] == name and row["trial"] == number]
                 searches[name].tell(trial, _mean_score(space, mine))
 
-    def _point(self, space: Space, shares: list[float], how: str, trial: int) -> Point:
+    def _point(self, space: Space, shares: list[float], found_by: Origin, trial: int) -> Point:
         changes = {path: axis.quantile(share) for (path, axis), share in zip(space.axes.items(), shares, strict=True)}
-        return Point(changes, {"found_by": how, "trial": trial})
+        return Point(changes, {"found_by": found_by, "trial": trial})
 
     def _search(self, space: Space) -> Any:
         import optuna

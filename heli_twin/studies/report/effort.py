@@ -1,4 +1,4 @@
-"""What accuracy costs: stick work against error, and computing times."""
+"""Stick effort against tracking error, and computing times."""
 
 from collections.abc import Iterator
 
@@ -8,8 +8,8 @@ from heli_twin.reporting.figure import Curve, Figure, Panel, decades
 from heli_twin.reporting.words import metric, number
 from heli_twin.studies.report.results import TIMES, Results
 
-CLOUD = 2000
-"""Points of a cloud at most."""
+MAX_EFFORT_POINTS = 2000
+"""Points drawn at most; of more flights every n-th is drawn."""
 
 
 def effort(results: Results) -> Iterator[Figure]:
@@ -23,7 +23,7 @@ def effort(results: Results) -> Iterator[Figure]:
             continue
         work, error = (float(np.median(mine[column])) for column in ("effort", results.study.score))
         facts.append(f"{name} works its sticks {number(work, 2)} and errs {number(error * shown.factor)} {shown.unit}")
-        mine = mine.where(np.arange(len(mine)) % max(1, -(-len(mine) // CLOUD)) == 0)
+        mine = mine.where(np.arange(len(mine)) % max(1, -(-len(mine) // MAX_EFFORT_POINTS)) == 0)
         commands = [mine.command(i) for i in range(len(mine))]
         x, y = mine["effort"], mine[results.study.score] * shown.factor
         clouds.append(Curve(name, x, y, style="points", commands=commands, color=place))

@@ -1,4 +1,4 @@
-"""Whether a comparison is fair: where the gains of each controller come from, and what each may know."""
+"""Facts for a fair comparison: the origin of each controller's gains, and the model that it believes."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from heli_twin.studies.report.results import Results
 from heli_twin.studies.space import varied
 from heli_twin.tuning.record import origin
 
-KNOWN = (
+FAIRNESS_SENTENCE = (
     "All alternatives fly the same seeds. What a controller knows of the helicopter is its own `controller.model`: "
     "trim and limits come from there, never from the plant. The table tells each controller as its alternative begins, "
     "before the design varies anything."
@@ -17,9 +17,9 @@ KNOWN = (
 
 
 def fairness(results: Results) -> Iterator[Table]:
-    """Each alternative's controller and its tuning."""
+    """Yield the table of each alternative's controller and its tuning."""
     rows: list[list[str]] = []
     for name, changes in alternatives_of(results.study)[0]:
         law = experiment_of(varied(results.about["base"], changes)).controller
         rows.append([name, origin(law, results.study.tuning)])
-    yield Table("Fairness", KNOWN, ["", "controller, and where its gains come from"], rows)
+    yield Table("Fairness", FAIRNESS_SENTENCE, ["", "controller, and where its gains come from"], rows)

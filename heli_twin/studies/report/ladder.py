@@ -1,4 +1,4 @@
-"""The ladder: what each effect of the real world costs."""
+"""The ladder: the error that each effect of the real world adds."""
 
 from collections.abc import Iterator
 

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_twin.reporting.figure import FAILURE, Array, Curve, Dots, Figure, Heat, Panel, decades
+from heli_twin.reporting.figure import CONTOUR_RATE, Array, Curve, Dots, Figure, Heat, Panel, decades
 from heli_twin.reporting.intervals import grouped_mean
 from heli_twin.reporting.words import field, listed, metric, number
 from heli_twin.studies.report.results import Results
 
-CLOUD = 3000
-"""Points of a cloud at most."""
+MAX_CLOUD_POINTS = 3000
+"""Points drawn at most; of more flights every n-th is drawn."""
 
 
 def maps(results: Results) -> Iterator[Figure]:
-    """What fits the study's design and axes."""
+    """Yield the figures that fit the study's design and axes."""
     kind = results.study.design.kind
     if not results.axes or kind in ("ladder", "one_at_a_time", "margin"):
         return
@@ -74,7 +74,7 @@ def _along(
     label: str,
     column: Array,
 ) -> Panel:
-    """One quantity, in the unit it is shown in, along an axis."""
+    """Return the panel of one quantity, in its shown unit, along an axis."""
     marks: list[Curve | Dots] = []
     numbers = results.is_number(path)
     scale = field(path, values.tolist() if numbers else [])
@@ -112,7 +112,7 @@ def _sweep_sentence(
     series: dict[str, NDArray[Any]],
     chosen: list[str],
 ) -> str:
-    """Who is best where; and what failed."""
+    """Say which alternative is best at which values, and how many flights failed."""
     facts = []
     scale = field(path, values.tolist()) if results.is_number(path) else None
     shown = [f"{number(value * scale.factor)} {scale.unit}".rstrip() if scale else str(value) for value in values]
@@ -155,7 +155,7 @@ def _by_seed(rows: Results, values: Array, place: NDArray[Any], groups: int) -> 
 
 
 def _worse(differences: Array) -> bool:
-    """Whether paired differences are above zero beyond doubt; a single one is taken at its word."""
+    """Return whether the interval of paired differences is above zero; a single difference counts by its sign."""
     mean = grouped_mean(np.zeros(len(differences), np.int64), differences, 1)
     return bool(mean.low[0] > 0 if mean.n[0] > 1 else mean.mean[0] > 0)
 
@@ -233,8 +233,8 @@ def _map_sentence(results: Results, found: dict[str, Any], also: str) -> str:
     shown = metric(results.study.score)
     facts = []
     for name, (mean, failure, _) in found.items():
-        lost = 100 * float((failure >= FAILURE).mean())
-        kept = mean[np.isfinite(mean) & (failure < FAILURE)]
+        lost = 100 * float((failure >= CONTOUR_RATE).mean())
+        kept = mean[np.isfinite(mean) & (failure < CONTOUR_RATE)]
         span = (
             f", elsewhere its {shown.name} is {number(kept.min())} to {number(kept.max())} {shown.unit}"
             if len(kept)
@@ -247,7 +247,7 @@ def _map_sentence(results: Results, found: dict[str, Any], also: str) -> str:
 def _clouds(results: Results, paths: list[str]) -> Figure:
     """The score against each axis, every flight a point."""
     shown = metric(results.study.score)
-    kept = results.where(np.arange(len(results)) % max(1, -(-len(results) // CLOUD)) == 0)
+    kept = results.where(np.arange(len(results)) % max(1, -(-len(results) // MAX_CLOUD_POINTS)) == 0)
     panels = []
     for path in paths:
         scale = field(path, results[path].tolist())

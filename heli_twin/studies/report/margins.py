@@ -1,4 +1,4 @@
-"""Stability margins: how far each axis can go."""
+"""Stability margins: the greatest acceptable value of each axis."""
 
 from collections.abc import Iterator
 

@@ -20,9 +20,10 @@ from heli_twin.studies.report.sensitivity import sensitivity
 from heli_twin.studies.report.tables import provenance, worst
 from heli_twin.studies.report.tornado import tornado
 from heli_twin.studies.report.verdict import verdict
+from heli_twin.whole_file import write_whole
 
 SECTIONS = (verdict, ladder, tornado, maps, margins, sensitivity, search, effort, timing, worst, fairness, provenance)
-"""What a report shows, in this order; a section that does not fit the study shows nothing."""
+"""The sections of a report in their order; one that does not fit the study yields nothing."""
 
 
 def write_report(folder: Path) -> Path:
@@ -45,7 +46,8 @@ def write_report(folder: Path) -> Path:
     sections = [_section(part, figures) if isinstance(part, Figure) else table_section(part) for part in parts]
     title = results.study.name.replace("_", " ")
     scripts = f"<script>{plotly_json.library()}</script><script>{SCRIPT}</script>"
-    page.write_text(html_page(title, results.study.question, sections, style=ONCE, scripts=scripts), encoding="utf-8")
+    text = html_page(title, results.study.question, sections, style=SCREEN_OR_PRINT_STYLE, scripts=scripts)
+    write_whole(page, text.encode())
     return page
 
 
@@ -62,11 +64,11 @@ def _section(figure: Figure, folder: Path) -> Section:
     )
 
 
-ONCE = """
+SCREEN_OR_PRINT_STYLE = """
 @media screen { section > img { display: none; } }
 @media print { .figure { display: none; } }
 """
-"""Each figure once: interactive on a screen, drawn on paper."""
+"""Shows each figure once: the interactive one on a screen, the drawn one on paper."""
 
 SCRIPT = """
 for (const place of document.querySelectorAll('.figure')) {

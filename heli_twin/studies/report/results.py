@@ -16,8 +16,10 @@ from heli_twin.studies.results import read_results
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_of
 
-NEEDED = ("id", "outcome", "outcome_text", "alternative", "point", "replicate", "seed", "effort", "controller.period")
-DESIGN = ("rung", "height", "varied", "level", "matrix", "sample", "axis", "share", "value", "found_by", "trial")
+PLACE_COLUMNS = ("id", "alternative", "point", "replicate", "seed")
+FLIGHT_COLUMNS = ("outcome", "outcome_text", "effort", "controller.period")
+DESIGN_COLUMNS = ("rung", "height", "varied", "level", "matrix", "sample")
+SEARCH_COLUMNS = ("axis", "share", "value", "found_by", "trial")
 TIMES = ("solve_ms.p50", "solve_ms.p99", "solve_ms.max", "control_step_ms.p99", "control_step_ms.max")
 
 
@@ -41,7 +43,7 @@ class Results:
         return self.columns.get(name, np.full(len(self), np.nan))
 
     def where(self, mask: NDArray[np.bool_]) -> "Results":
-        """Some of the rows."""
+        """Return the rows of a mask."""
         return replace(self, columns={name: column[mask] for name, column in self.columns.items()})
 
     def of(self, alternative: str) -> "Results":
@@ -50,27 +52,27 @@ class Results:
 
     @cached_property
     def alternatives(self) -> list[str]:
-        """What is compared, in the order of the study."""
+        """The names of the alternatives, in the order of the study."""
         names, first = np.unique(self["alternative"].astype(str), return_index=True)
         return [str(names[i]) for i in np.argsort(first)]
 
     @cached_property
     def failed(self) -> NDArray[np.bool_]:
-        """Which flights did not complete."""
+        """A mask of the flights that did not complete."""
         return self["outcome"] != COMPLETED
 
     @cached_property
     def axes(self) -> list[str]:
-        """What is swept, but the alternatives."""
+        """The swept paths, without the one that the alternatives stand for."""
         return [path for path in self.study.axes if path in self.columns and self.is_axis(path)]
 
     def is_axis(self, path: str) -> bool:
-        """Whether a column is swept within an alternative."""
+        """Return whether a column varies within an alternative."""
         names, column = self["alternative"], self[path]
         return not (column.dtype == object and bool(np.all(column == names)))
 
     def is_number(self, path: str) -> bool:
-        """Whether an axis has numbers."""
+        """Return whether the values of an axis are numbers."""
         return self[path].dtype != object
 
     def metric(self, name: str) -> Array:
@@ -84,7 +86,7 @@ class Results:
         return np.where(self.failed | np.isnan(score), self.study.penalty, score)
 
     def command(self, row: int) -> str:
-        """What flies a row again."""
+        """The command that flies the run of a row again."""
         return pasteable("heli-twin", "study", "fly", self.folder, self["id"][row])
 
 
@@ -97,7 +99,8 @@ def results_of(folder: Path) -> Results:
     with Store(folder) as store:
         about = store.about()
     study = study_of(about["study"])
-    wanted = [*NEEDED, *DESIGN, *TIMES, *study.axes, study.score, *study.metrics, *_criteria(study)]
+    fixed = (*PLACE_COLUMNS, *FLIGHT_COLUMNS, *DESIGN_COLUMNS, *SEARCH_COLUMNS, *TIMES)
+    wanted = [*fixed, *study.axes, study.score, *study.metrics, *_criteria(study)]
     table = read_results(folder, list(dict.fromkeys(wanted)))
     columns = {name: _column(table.column(name)) for name in table.column_names}
     return Results(folder, study, about, columns)

@@ -1,12 +1,15 @@
-"""The worst case: what a search found, and whether it found more than chance."""
+"""The worst case found by a search, compared with the worst of as many random points."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.reporting.figure import Array, Curve, Figure, Panel
+from heli_twin.reporting.figure import Array, Curve, Figure, Panel, Style
 from heli_twin.reporting.words import field, metric, number
+from heli_twin.studies.designs.worst_case import Origin
 from heli_twin.studies.report.results import Results
+
+STYLES: dict[Origin, Style] = {"search": "steps", "random": "dashes"}
 
 
 def search(results: Results) -> Iterator[Figure]:
@@ -18,16 +21,23 @@ def search(results: Results) -> Iterator[Figure]:
     for place, alternative in enumerate(results.alternatives):
         mine = results.of(alternative)
         curves, ends = [], {}
-        for how, style in (("search", "steps"), ("random", "dashes")):
-            rows = mine.where(mine["found_by"] == how)
+        for origin, style in STYLES.items():
+            rows = mine.where(mine["found_by"] == origin)
             if not len(rows):
                 continue
             trials, scores, commands = _by_trial(rows)
             worst = np.maximum.accumulate(scores) * scale.factor
             curves.append(
-                Curve(how, trials + 1.0, worst, style=style, commands=commands, color=place + (how == "random") * 7)
+                Curve(
+                    origin,
+                    trials + 1.0,
+                    worst,
+                    style=style,
+                    commands=commands,
+                    color=place if origin == "search" else place + 7,
+                )
             )
-            ends[how] = (worst[-1], _where(rows, trials[int(np.argmax(scores))]))
+            ends[origin] = (worst[-1], _where(rows, trials[int(np.argmax(scores))]))
         panels.append(Panel(alternative, "points tried", f"worst {scale.label}", curves))
         sentences.append(_sentence(alternative, ends, scale.unit))
     yield Figure("worst-case", "Worst case", "; ".join(sentences) + ".", panels)

@@ -1,4 +1,4 @@
-"""The last pages of a report: the worst runs, and where it all comes from."""
+"""The last tables of a report: the worst runs, and the provenance."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ def worst(results: Results) -> Iterator[Table]:
 
 
 def provenance(results: Results) -> Iterator[Table]:
-    """Study, machine, versions."""
+    """Yield the table of study, machine and versions."""
     about, study = results.about, results.study
     rows = [
         ["question", study.question],

@@ -1,4 +1,4 @@
-"""One axis at a time: which of them matters most."""
+"""A tornado plot: the effect of each axis by itself on the score."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Who is better, and how often does it fail: the table that a report begins with."""
+"""The first table of a report: errors and failure rates of the alternatives, and their paired differences."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ def _cells(results: Results, names: list[str], values: Array, factor: float, uni
 
 
 def _claim(results: Results, names: list[str]) -> str:
-    """Who is better and worse than the first, by the score of completed flights."""
+    """Say which alternatives are better or worse than the first, by the score of completed flights."""
     if len(names) == 1:
         return "one alternative, so nothing to compare"
     found = {name: _difference(results, results.metric(results.study.score), name, names[0]) for name in names[1:]}
