@@ -1,29 +1,28 @@
-"""The optimisation (26) as a dense QP in the inputs alone, for the whole LTV model or a part of it.
+"""The optimisation (26) as a dense QP in the inputs alone, for one subsystem of the LTV model.
 
-The unknowns du = u - u_nominal say how far the inputs depart from the nominal ones. With the n states eliminated,
-x = x_nominal + G du: the nominal trajectory starts at the newest state, so the affine terms d_k of (22) need no
-bookkeeping of their own. Minimise 1/2 du'H du + g'du subject to u_low <= du <= u_high and v_low <= C du <= v_high,
-where C picks the velocities of the predicted states. The measured state is not bounded: noise alone could make that
-infeasible.
+The unknowns are du = u - u_nominal, the change of the inputs from the nominal ones. The states are eliminated by
+x = x_nominal + G du: the nominal trajectory starts at the newest state, so the affine terms d_k of (22) are zero.
+Minimise 1/2 du'H du + g'du subject to u_low <= du <= u_high and v_low <= C du <= v_high, where C du is the change of
+the predicted velocities. The measured state is not bounded: noise alone could make that infeasible.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from controllers.ltv import Ltv, Part
+from controllers.ltv import Ltv, Subsystem
 from controllers.signals import Array
 
 
 class CondensedQp(NamedTuple):
-    """A dense QP in the N m stacked departures du of the inputs, with as many velocity rows."""
+    """A dense QP in the N m stacked changes du of the inputs, with as many velocity rows."""
 
     H: Array
-    """(Nm, Nm)"""
+    """(Nm, Nm) Hessian of the cost."""
     g: Array
-    """(Nm,)"""
+    """(Nm,) gradient of the cost at du = 0."""
     C: Array
-    """(Nm, Nm)"""
+    """(Nm, Nm) change of the predicted velocities per change of the inputs."""
     v_low: Array
     """(Nm,) lower bound of C du."""
     v_high: Array
@@ -38,45 +37,45 @@ class Weights(NamedTuple):
     """The stage and terminal weights of (26)."""
 
     sqrt_Q: Array
-    """(n,) roots of the diagonal of Q."""
+    """(n,) square roots of the diagonal of Q."""
     R: Array
     """(m,) diagonal of R."""
     sqrt_Qf: Array
     """(n, n) S with S'S = Q_f."""
 
-    def of(self, part: Part) -> "Weights":
-        """The weights of a part of the whole model."""
-        states = part.states
-        return Weights(self.sqrt_Q[states], self.R[part.inputs], self.sqrt_Qf[np.ix_(states, states)])
+    def of(self, subsystem: Subsystem) -> "Weights":
+        """Return the weights of one subsystem; these are of the whole model."""
+        states = subsystem.states
+        return Weights(self.sqrt_Q[states], self.R[subsystem.inputs], self.sqrt_Qf[np.ix_(states, states)])
 
 
 class Limits(NamedTuple):
-    """The bounds of (26), one for each input; those of a part have as many as it has."""
+    """The bounds of (26) for each of m inputs."""
 
     u_min: Array
-    """(m,)"""
+    """(m,) lower input limits, full stick."""
     u_max: Array
-    """(m,)"""
+    """(m,) upper input limits, full stick."""
     v_max: Array
-    """(m,) on the magnitude of the predicted velocity that the input drives: vx vy vz (m/s) or yaw rate (rad/s)."""
+    """(m,) limits on the magnitude of the velocity that each input drives: vx vy vz (m/s) or yaw rate (rad/s)."""
 
 
 class Condenser:
-    """Builds the QP of one horizon length again and again.
+    """Builds the QPs of one subsystem, all of the same horizon.
 
-    Those of a part whose matrices never change have the same H and C, the very arrays of its first one.
+    A subsystem with constant matrices gets the same H and C arrays in every QP.
 
     Args:
-        steps: N, the number of inputs in a row.
+        steps: N, the number of control periods with an input.
         limits: Bounds on the inputs and predicted velocities of the whole model.
-        part: Of the LTV model.
+        subsystem: The states and inputs of the LTV model to condense.
     """
 
-    def __init__(self, steps: int, limits: Limits, part: Part) -> None:
-        n, m = len(part.states), len(part.inputs)
-        self._steps, self._m, self._part = steps, m, part
-        self._u_min, self._u_max, self._v_max = (bound[part.inputs] for bound in limits)
-        # The derivatives by all inputs of state k and, below them, of input k itself, which never change.
+    def __init__(self, steps: int, limits: Limits, subsystem: Subsystem) -> None:
+        n, m = len(subsystem.states), len(subsystem.inputs)
+        self._steps, self._m, self._subsystem = steps, m, subsystem
+        self._u_min, self._u_max, self._v_max = (bound[subsystem.inputs] for bound in limits)
+        # Derivatives with respect to all inputs: of state k, and below them of input k itself, which are constant.
         derivatives = np.zeros((steps + 1, n + m, m * steps))
         derivatives[:-1, n:] = np.eye(m * steps).reshape(steps, m, m * steps)
         self._G = G = derivatives[:, :n]
@@ -87,36 +86,40 @@ class Condenser:
         self._C = np.empty((0, 0))
 
     def response(self, du: Array) -> Array:
-        """How the states (N + 1, n) of the LTV model last condensed depart under inputs that depart by du (N, m)."""
+        """Return the change (N + 1, n) of the predicted states under changes du (N, m) of the inputs.
+
+        It is that of the LTV model condensed last.
+        """
         return self._G.dot(du.ravel())
 
     def __call__(self, ltv: Ltv, w: Weights, x_off: Array, u_off: Array) -> CondensedQp:
-        """Condense one horizon; all but the weights are of the whole model.
+        """Condense one horizon; all arguments but the weights are of the whole model.
 
         Args:
             ltv: N steps of the linear model.
-            w: The part's weights in (26); those of one whose matrices never change must not either.
-            x_off: (N + 1, 10) how far the nominal states are off the reference.
-            u_off: (N, 4) how far the nominal inputs are off the reference.
+            w: The subsystem's weights in (26); with constant matrices, the weights must be constant too.
+            x_off: (N + 1, 10) nominal states minus reference states.
+            u_off: (N, 4) nominal inputs minus reference inputs.
         """
-        part, H = self._part, self._H
-        if H is None or not part.constant:
+        subsystem, H = self._subsystem, self._H
+        if H is None or not subsystem.constant:
             H = self._condense(ltv, w)
-        off, error = x_off[1:].take(part.states, axis=1), self._error
+        off, error = x_off[1:].take(subsystem.states, axis=1), self._error
         np.multiply(off[:-1], w.sqrt_Q, out=error[:-1])
         np.dot(w.sqrt_Qf, off[-1], out=error[-1])
         g = error.ravel().dot(self._S.reshape(-1, len(H)))
-        g += (w.R * u_off.take(part.inputs, axis=1)).ravel()
-        v, u = ltv.x_nominal[1:].take(part.velocities, axis=1), ltv.u_nominal.take(part.inputs, axis=1)
+        g += (w.R * u_off.take(subsystem.inputs, axis=1)).ravel()
+        v = ltv.x_nominal[1:].take(subsystem.velocities, axis=1)
+        u = ltv.u_nominal.take(subsystem.inputs, axis=1)
         low, high = -self._v_max - v, self._v_max - v
         return CondensedQp(
             H, g, self._C, low.ravel(), high.ravel(), (self._u_min - u).ravel(), (self._u_max - u).ravel()
         )
 
     def _condense(self, ltv: Ltv, w: Weights) -> Array:
-        """The matrices: G, S = [sqrt_Q G; sqrt_Qf G_N], H = S'S + R and the velocity rows C of G."""
+        """Compute G, S = [sqrt_Q G; sqrt_Qf G_N], the velocity rows C of G, and return H = S'S + R."""
         n, G, S = self._steps, self._G, self._S
-        for AB, (before, after) in zip(self._part.matrices(ltv), self._recursion, strict=True):
+        for AB, (before, after) in zip(self._subsystem.matrices(ltv), self._recursion, strict=True):
             np.dot(AB, before, out=after)
         np.multiply(G[1:n], w.sqrt_Q[:, None], out=S[:-1])
         np.matmul(w.sqrt_Qf, G[n], out=S[-1])
@@ -124,12 +127,12 @@ class Condenser:
         self._H = H = stacked.T @ stacked
         diagonal = H.reshape(-1)[:: len(H) + 1].reshape(n, self._m)
         diagonal += w.R
-        self._C = G[1:].take(self._part.own_velocities, axis=1).reshape(len(H), len(H))
+        self._C = G[1:].take(self._subsystem.own_velocities, axis=1).reshape(len(H), len(H))
         return H
 
 
 def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:
-    """The infinite-horizon cost-to-go P (10, 10) of a constant pair, a terminal weight with a stability argument.
+    """Return the infinite-horizon cost-to-go P (n, n) of a constant model: a terminal weight that ensures stability.
 
     Solves the discrete algebraic Riccati equation by the structured doubling algorithm, quadratically convergent.
 

@@ -1,5 +1,5 @@
-"""What the ground station raises when it is asked for something that cannot be flown."""
+"""Errors of the ground station."""
 
 
 class InfeasibleTrajectory(ValueError):
-    """A planned flight that the believed helicopter cannot follow; the message says when, what and by how much."""
+    """The believed helicopter cannot follow the trajectory; the message names the time, quantity, value and limit."""

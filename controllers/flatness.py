@@ -1,10 +1,11 @@
-"""From flat outputs to states and inputs, (2)-(9): every trajectory passes through here."""
+"""States and inputs of a trajectory from its flat outputs, (2)-(9)."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from controllers.model import GRAVITY, Model
+from controllers.rotations import rotate_to_body
 from controllers.signals import Array
 
 
@@ -20,18 +21,14 @@ class FlatOutput(NamedTuple):
 
 
 def state(flat: FlatOutput) -> Array:
-    """The physical states (..., 8) along a flat output, (4)."""
-    yaw = flat.z[..., 3]
-    c, s = np.cos(yaw), np.sin(yaw)
-    dx, dy = flat.dz[..., 0], flat.dz[..., 1]
+    """Return the physical states (..., 8) along a flat output, (4)."""
     x = np.concatenate([flat.z, flat.dz], axis=-1)
-    x[..., 4] = c * dx + s * dy
-    x[..., 5] = c * dy - s * dx
+    x[..., 4:6] = rotate_to_body(flat.dz[..., :2], flat.z[..., 3])
     return x
 
 
 def feed_forward(model: Model, flat: FlatOutput) -> Array:
-    """The inputs (..., 4) that fly a flat output, (5)-(8).
+    """Return the inputs (..., 4) that fly a flat output, (5)-(8).
 
     (5) is printed with the wrong sign of g: (1) gives u_z = (z'' + g) / b_z.
     """

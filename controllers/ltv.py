@@ -1,6 +1,6 @@
-"""The linear time-varying model (10)-(25): roll out the nominal inputs, linearise along them, discretise.
+"""The linear time-varying model (10)-(25): simulate the nominal inputs, linearise along them, discretise.
 
-States here are the ten of (1): the eight physical ones and the integral states x_int, y_int.
+The ten states are those of (1): the eight physical ones and the integral states x_int, y_int.
 """
 
 from typing import Literal, NamedTuple
@@ -30,26 +30,26 @@ class Ltv(NamedTuple):
     """(N, 4) nominal inputs (13)."""
 
 
-class Part:
-    """Some states and inputs of the LTV model.
+class Subsystem:
+    """Some states and inputs of the LTV model, which no other state or input acts on.
 
     Args:
-        states: Their places among the ten.
-        inputs: Their places among the four.
-        constant: Whether its matrices are the same along any nominal trajectory.
+        states: Indices of the n states among the ten.
+        inputs: Indices of the m inputs among the four.
+        constant: True if the matrices are the same along every nominal trajectory.
     """
 
     def __init__(self, states: tuple[int, ...], inputs: tuple[int, ...], *, constant: bool = False) -> None:
         self.states, self.inputs, self.constant = np.array(states), np.array(inputs), constant
         self.velocities = 4 + self.inputs
-        """The states, among the ten, that the inputs drive: vx vy vz (m/s) or yaw rate (rad/s)."""
+        """(m,) indices, among the ten, of the states that the inputs drive: vx vy vz (m/s) or yaw rate (rad/s)."""
         self.own_velocities = np.searchsorted(self.states, self.velocities)
-        """The same among the part's own states."""
+        """(m,) indices of the same states among the subsystem's own."""
         self._A = (N_STATES * self.states[:, None] + self.states).ravel()
         self._B = (N_INPUTS * self.states[:, None] + self.inputs).ravel()
 
     def matrices(self, ltv: Ltv) -> Array:
-        """[A_k B_k] (N, n, n + m) of its n states and m inputs."""
+        """Return [A_k B_k] (N, n, n + m) of the subsystem: the rows and columns of its states and inputs."""
         n, m, steps = len(self.states), len(self.inputs), len(ltv.A)
         AB = np.empty((steps, n, n + m))
         AB[..., :n] = ltv.A.reshape(steps, -1).take(self._A, axis=1).reshape(steps, n, n)
@@ -57,31 +57,31 @@ class Part:
         return AB
 
 
-PARTS: dict[Coupling, tuple[Part, ...]] = {
-    "removed": (Part((0, 1, 4, 5, 8, 9), (0, 1)), Part((2, 3, 6, 7), (2, 3), constant=True)),
-    "full": (Part(tuple(range(N_STATES)), tuple(range(N_INPUTS))),),
+SUBSYSTEMS: dict[Coupling, tuple[Subsystem, ...]] = {
+    "removed": (Subsystem((0, 1, 4, 5, 8, 9), (0, 1)), Subsystem((2, 3, 6, 7), (2, 3), constant=True)),
+    "full": (Subsystem(tuple(range(N_STATES)), tuple(range(N_INPUTS))),),
 }
-"""Parts that do not act on one another, so that (26) falls into one optimisation for each.
+"""Subsystems that do not act on one another: (26) splits into one optimisation for each.
 
-Without the coupling these are the plane, whose matrices turn with the nominal yaw, and height and yaw, whose matrices
-never change. Their inputs, one part after the other, are those of the model.
+With the coupling removed they are the horizontal motion, whose matrices change with the nominal yaw, and height and
+yaw, whose matrices never change. Their inputs, one subsystem after the other, are the four inputs in order.
 """
 
 
 def shift(u: Array) -> Array:
-    """The next nominal inputs (N, 4): last plan without its first input, its last one twice, (25)."""
+    """Return the next nominal inputs (N, 4), (25): the last plan without its first input, the last input repeated."""
     return np.concatenate([u[1:], u[-1:]])
 
 
 class Linearisation:
-    """The nonlinear model along nominal inputs, and what is linear about it there: (10)-(23).
+    """Simulate the nonlinear model under nominal inputs and linearise it along that trajectory: (10)-(23).
 
     Args:
         model: Believed parameters.
         k_i: Gain of the integral states in (1), 1/s.
         period: Sampling period, s.
-        coupling: `removed` is the variant that the paper flew: position and body velocity in the plane do not depend
-            on yaw and yaw rate; only the rotation by the nominal yaw stays.
+        coupling: `removed` is the variant that the paper flew: in the linear model, horizontal position and body
+            velocity do not depend on yaw and yaw rate; only the rotation by the nominal yaw stays.
         discretisation: `euler`, the paper's, or `exact`, the matrix exponential.
     """
 
@@ -98,21 +98,21 @@ class Linearisation:
         B[4, 0], B[5, 1], B[6, 2], B[7, 3] = model.b_x, model.b_y, model.b_z, model.b_yaw
 
     def __call__(self, x0: Array, u_nominal: Array, xy_ref: Array, push: Push = NO_PUSH) -> Ltv:
-        """The LTV model along the nominal inputs from the newest state; arguments as in `rollout`."""
+        """Return the LTV model along the nominal inputs from the newest state; arguments as in `rollout`."""
         x_nominal = self.rollout(x0, u_nominal, xy_ref, push)
         A, B = self.discretise(*self.jacobians(x_nominal[:-1]))
         return Ltv(A, B, x_nominal, u_nominal)
 
     def rollout(self, x0: Array, u_nominal: Array, xy_ref: Array, push: Push = NO_PUSH) -> Array:
-        """The nonlinear model under the nominal inputs, (10)-(13).
+        """Simulate the nonlinear model under the nominal inputs, (10)-(13).
 
-        The integral states follow the trapezoidal rule, as the controller's own integrals do.
+        The integral states use the trapezoidal rule, as the controller's own integrals do.
 
         Args:
             x0: (10,) newest state.
             u_nominal: (N, 4) nominal inputs.
-            xy_ref: (N + 1, 2) reference position, m.
-            push: Acceleration beyond the model's, taken to last: x y z (world, m/s^2), yaw (rad/s^2).
+            xy_ref: (N + 1, 2) reference position, world, m.
+            push: Constant acceleration added to the model's: x y z (world, m/s^2), yaw (rad/s^2).
 
         Returns:
             (N + 1, 10) nominal states.
@@ -128,7 +128,7 @@ class Linearisation:
         return out
 
     def jacobians(self, x: Array) -> tuple[Array, Array]:
-        """Continuous-time Jacobians of (1) at the states x (n, 10), (15).
+        """Return the continuous-time Jacobians of (1) at the states x (n, 10), (15).
 
         Returns:
             A (n, 10, 10) and B (10, 4), which is the same at every state.
@@ -149,14 +149,14 @@ class Linearisation:
         return A, self._B
 
     def discretise(self, A: Array, B: Array) -> tuple[Array, Array]:
-        """Discrete matrices (17) of continuous ones under a held input.
+        """Return the discrete matrices (17) of continuous ones, with the input held over the period.
 
         Args:
-            A: (n, 10, 10).
-            B: (10, 4).
+            A: (n, 10, 10) continuous state matrices.
+            B: (10, 4) continuous input matrix.
 
         Returns:
-            (n, 10, 10) and (n, 10, 4).
+            A (n, 10, 10) and B (n, 10, 4), discrete.
         """
         step = self._period * A
         if self._discretisation == "euler":

@@ -11,7 +11,10 @@ GRAVITY = 9.81
 """m/s^2."""
 
 State = tuple[float, float, float, float, float, float, float, float]
-"""x y z yaw (world), vx vy vz (body), yaw rate: the eight physical states as plain numbers, which is faster here."""
+"""x y z yaw (world), vx vy vz (body), yaw rate: the eight physical states as Python floats.
+
+Rotations are written out here: on Python floats a call of `controllers.rotations` takes several times as long.
+"""
 Input = tuple[float, float, float, float]
 
 
@@ -19,8 +22,8 @@ Input = tuple[float, float, float, float]
 class Model:
     """Parameters of (1) and its limits.
 
-    The print gives (29), and b_psi before b_z in (27), in the order (x, y, yaw, z): hover needs
-    u_z = 9.81 / 18 = 0.545, which the printed limit of 0.4 forbids. They stand here as (x, y, z, yaw).
+    The paper prints (29), and b_psi before b_z in (27), in the order (x, y, yaw, z): hover needs
+    u_z = 9.81 / 18 = 0.545, above the printed limit of 0.4. Here the order is (x, y, z, yaw).
 
     Source: Kunz, Huck, Summers, ECC 2013, (1), (27)-(29).
     """
@@ -61,12 +64,12 @@ class Model:
 
     @property
     def u_hover(self) -> Input:
-        """The input that holds the helicopter still."""
+        """The input that keeps the helicopter in hover."""
         return (0.0, 0.0, GRAVITY / self.b_z, 0.0)
 
 
 def rates(model: Model, x: State, u: Input) -> State:
-    """Time derivative of the physical states, (1)."""
+    """Return the time derivative of the physical states, (1)."""
     _, _, _, yaw, vx, vy, vz, r = x
     c, s = cos(yaw), sin(yaw)
     return (
@@ -82,27 +85,28 @@ def rates(model: Model, x: State, u: Input) -> State:
 
 
 Push = tuple[float, float, float, float]
-"""Further acceleration: x y z (world, m/s^2), yaw (rad/s^2)."""
+"""Acceleration added to that of (1): x y z (world, m/s^2), yaw (rad/s^2)."""
 
 
 def advance(model: Model, x: State, u: Input, dt: float, push: Push = (0.0, 0.0, 0.0, 0.0)) -> State:
-    """The state `dt` seconds later under a constant input and a constant `push`; see `simulator`."""
+    """Return the state `dt` seconds later under a constant input and a constant `push`; see `simulator`."""
     return simulator(model, dt)(x, (u,), push)[0]
 
 
 def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push], list[State]]:
-    """The nonlinear model in steps of a fixed time: exact in z and yaw, fourth order in x and y.
+    """Return a simulation of the nonlinear model in steps of `dt`: exact in z and yaw, fourth order in x and y.
 
-    Height and yaw are linear and are solved in closed form. Along that yaw, position and velocity in the plane are
-    integrated by one Runge-Kutta 4 step in the world frame, where the turning terms of (1) cancel. Written out in
-    plain numbers: the controller takes some twenty such steps every control period.
+    Height and yaw are linear and are solved in closed form. Along that yaw, horizontal position and velocity are
+    integrated by one Runge-Kutta 4 step in the world frame, where the yaw rate terms of (1) cancel. It is written in
+    Python floats for speed: the controller takes about twenty such steps every control period.
 
     Args:
         model: Believed parameters.
         dt: Length of the step, s.
 
     Returns:
-        A function of the state, the inputs, each held over one step, and a constant push: the states after each step.
+        A function of the initial state, the inputs (one a step) and a constant push, which returns the state
+        after each step.
     """
     half, sixth, square = 0.5 * dt, dt / 6.0, 0.5 * dt * dt
     gain, turn = _yaw_response(model.k_yaw, dt)
@@ -123,8 +127,8 @@ def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push
             yaw += r * dt + rate * turn
             az = b_z * u_z + a_z
             fx, fy = b_x * u_x, b_y * u_y
-            # In the world the planar acceleration is g + K w, with w the velocity, g the push and the turned input,
-            # and K the turned drag, symmetric: at the start, the middle and the end of the step.
+            # In the world frame the horizontal acceleration is g + K w: velocity w, push and rotated input g, and
+            # the rotated drag K, a symmetric matrix. Evaluated at the start, the middle and the end of the step.
             cm, sm = cos(yaw_mid), sin(yaw_mid)
             wx, wy = c * vx - s * vy, s * vx + c * vy
             bx, by = fx + k_x * vx, fy + k_y * vy
@@ -154,10 +158,10 @@ def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push
 
 
 def _yaw_response(k: float, t: float) -> tuple[float, float]:
-    """What r' = a + k r adds to the yaw rate and to the yaw in a time t, per unit of r' at its start."""
+    """Changes of yaw rate and yaw under r' = a + k r after a time t, per unit of r' at the start."""
     h = k * t
     if h > -1e-4:
-        # The closed form cancels; what these series leave out is below 1e-13 of them.
+        # The closed form loses digits here; the series are exact to a relative 1e-13.
         return t * (1.0 + h * (0.5 + h / 6.0)), t * t * (0.5 + h * (1.0 / 6.0 + h / 24.0))
     gain = expm1(h) / k
     return gain, (gain - t) / k

@@ -1,4 +1,4 @@
-"""The pace of a planned flight: clocks that start, and stop, at rest, and curves that are flown by them."""
+"""Time scaling of a planned flight: clocks that start and stop smoothly, and curves flown at their pace."""
 
 import numpy as np
 
@@ -6,16 +6,16 @@ from controllers.flatness import FlatOutput
 from controllers.signals import Array
 
 Pace = tuple[Array, Array, Array]
-"""Reading of a clock (s, or rad for an angle), its speed and its acceleration (per s), each (n,)."""
+"""Reading of a clock (s), its first (1) and second (1/s) time derivatives, each (n,)."""
 Coordinates = tuple[Array | float, Array | float, Array | float, Array | float]
 """x y z (m) and yaw (rad), or their derivatives with respect to a clock's reading."""
 
 
 def smooth_start(t: Array, ramp: float) -> Pace:
-    """A clock that starts at rest and runs at full speed after `ramp` seconds.
+    """Return a clock that starts at rest and runs at full speed after `ramp` seconds.
 
-    Its speed is the smoothstep 3 q^2 - 2 q^3 of q = t / ramp, so that position, speed and acceleration of
-    whatever follows it are continuous.
+    Its speed is the smoothstep 3 q^2 - 2 q^3 of q = t / ramp: position, velocity and acceleration of a curve flown at
+    its pace are continuous.
 
     Args:
         t: (n,) time, s.
@@ -35,15 +35,15 @@ def smooth_start(t: Array, ramp: float) -> Pace:
 
 
 def smooth_ride(t: Array, length: float, ramp: float) -> Pace:
-    """A clock that runs from 0 to `length`, starts and stops as `smooth_start` does, and then stands.
+    """Return a clock that runs from 0 to `length`, starts and stops as `smooth_start` does, and then stays there.
 
     Args:
-        t: (n,) time, s; before 0 it stands too.
+        t: (n,) time, s; before 0 the reading is 0.
         length: Last reading, s.
-        ramp: Duration of the start and of the stop, s; a length shorter than that has shorter ones.
+        ramp: Duration of the start and of the stop, s; at most `length`.
 
     Returns:
-        Its reading (s), speed (1) and acceleration (1/s), each (n,). It arrives at `ride_duration(length, ramp)`.
+        Its reading (s), speed (1) and acceleration (1/s), each (n,). It stops at t = `ride_duration(length, ramp)`.
     """
     ramp = min(ramp, length)
     end = ride_duration(length, ramp)
@@ -58,16 +58,16 @@ def smooth_ride(t: Array, length: float, ramp: float) -> Pace:
 
 
 def ride_duration(length: float, ramp: float) -> float:
-    """How long `smooth_ride` takes, s: each ramp covers half of what full speed would."""
+    """Return the duration of `smooth_ride`, s: in a ramp the clock advances by half the ramp's duration."""
     return length + min(ramp, length)
 
 
 def along(pace: Pace, point: Coordinates, slope: Coordinates, bend: Coordinates) -> FlatOutput:
-    """A curve flown at the pace of a clock.
+    """Return the flat outputs (n, 4) of a curve flown at the pace of a clock.
 
     Args:
         pace: The clock.
-        point: The curve at the clock's reading.
+        point: The curve at the clock's readings.
         slope: Its first derivative with respect to the reading.
         bend: Its second derivative.
     """
@@ -76,6 +76,6 @@ def along(pace: Pace, point: Coordinates, slope: Coordinates, bend: Coordinates)
 
 
 def paced(flat: FlatOutput, pace: Pace) -> FlatOutput:
-    """Flat outputs at a clock's readings, with derivatives in its time: the chain rule."""
+    """Return flat outputs, given by the reading of a clock, with derivatives by time (chain rule)."""
     _, speed, acceleration = (part[:, None] for part in pace)
     return FlatOutput(flat.z, flat.dz * speed, flat.ddz * speed**2 + flat.dz * acceleration)

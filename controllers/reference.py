@@ -1,4 +1,4 @@
-"""The planned flight as the controller reads it: checked for limits once, then sampled ahead of the flight."""
+"""Check a planned flight against the limits, and sample it ahead of the flight for the controller."""
 
 import numpy as np
 
@@ -8,20 +8,20 @@ from controllers.model import Model
 from controllers.signals import Array, Reference
 from controllers.trajectories import Trajectory, fitted
 
-_BLOCK = 512
-"""Samples evaluated at a time: memory does not grow with the flight, and NumPy is called seldom."""
+_BLOCK_SAMPLES = 512
+"""Samples evaluated in one call: memory does not grow with the flight, and NumPy is called rarely."""
 
 
 class ReferencePreview:
-    """Reference states and inputs from any control time on.
+    """Samples of reference states and inputs from any control time on.
 
-    Samples lie on the grid `origin + k period`. Before time 0 the flight stands at its first point.
+    Samples lie on the grid `origin + k period`. Before time 0 the reference is that of time 0.
 
     Args:
         trajectory: The planned flight.
         model: The believed helicopter, for the feed-forward.
         period: Control period, ns.
-        origin: Any one stamp that previews will start at, ns; the others are whole periods away.
+        origin: One point of the grid, ns.
     """
 
     def __init__(self, trajectory: Trajectory, model: Model, period: int, origin: int) -> None:
@@ -30,13 +30,13 @@ class ReferencePreview:
         self._first, self._x, self._u = 0, np.empty((0, 8)), np.empty((0, 4))
 
     def __call__(self, stamp: int, steps: int) -> Reference:
-        """`steps` inputs and one more state, the first at `stamp` (ns, on the grid)."""
+        """Return `steps` inputs and `steps + 1` states, the first at `stamp` (ns, on the grid)."""
         k, off_grid = divmod(stamp - self._origin, self._period)
         if off_grid:
             raise ValueError(f"stamp {stamp} ns is not on the grid {self._origin} + k {self._period} ns")
         i = k - self._first
         if i < 0 or i + steps + 1 > len(self._x):
-            self._fill(k, _BLOCK + steps + 1)
+            self._fill(k, _BLOCK_SAMPLES + steps + 1)
             i = 0
         return Reference(stamp, self._x[i : i + steps + 1], self._u[i : i + steps])
 
@@ -52,7 +52,7 @@ def check_feasible(trajectory: Trajectory, model: Model, duration: float, period
     Args:
         trajectory: The planned flight.
         model: The believed helicopter.
-        duration: How much of it is to be flown, s.
+        duration: Length of the flight, s.
         period: Sampling of the check, s.
 
     Raises:
@@ -61,8 +61,8 @@ def check_feasible(trajectory: Trajectory, model: Model, duration: float, period
     trajectory = fitted(trajectory, model)
     low = np.array([*model.u_min, *(-v for v in model.v_max), 0.0])
     high = np.array([*model.u_max, *model.v_max, np.inf])
-    for start in np.arange(0.0, duration + period, _BLOCK * period):
-        t = start + period * np.arange(_BLOCK)
+    for start in np.arange(0.0, duration + period, _BLOCK_SAMPLES * period):
+        t = start + period * np.arange(_BLOCK_SAMPLES)
         t = t[t <= duration]
         if not t.size:
             return
@@ -85,7 +85,7 @@ _NAMES = (
 
 
 def _refuse(t: Array, values: Array, low: Array, high: Array) -> None:
-    # Not `values > high`: a NaN or infinity has to be refused too. The slack is rounding only.
+    # Not `values > high`: NaN must be refused too. The margin of 1e-9 is for rounding.
     allowed = (values >= low - 1e-9) & (values <= high + 1e-9)
     if allowed.all():
         return

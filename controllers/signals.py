@@ -1,10 +1,10 @@
-"""The values that cross the ground station's wires.
+"""The values that the ground station receives and sends.
 
 Time is integer nanoseconds since the start of the flight. Frames: *world* is north-west-up and fixed to the
 room, *body* is the paper's frame (x to the nose, y to port, z up) turned by the yaw alone. Yaw is unwrapped.
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,10 @@ NU = 4
 
 
 class Pose(NamedTuple):
-    """What the motion capture says of one frame."""
+    """The pose that motion capture measured in one frame."""
 
     stamp: int
-    """When the cameras saw it, ns."""
+    """Capture time, ns."""
     position: Array
     """(3,) world, m."""
     quat_wxyz: Array
@@ -29,73 +29,76 @@ class Pose(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What the estimator believes of the helicopter at `stamp`."""
+    """The estimated state of the helicopter at `stamp`."""
 
     stamp: int
-    """The moment this state holds for, ns: with roll-forward, when the next command will act."""
+    """Time of this state, ns: with roll-forward, the time when the next command will act."""
     x: Array
     """(8,) physical state."""
     disturbance: Array
-    """(4,) acceleration the model does not explain: x y z (world, m/s^2), yaw (rad/s^2)."""
+    """(4,) acceleration that the model does not explain: x y z (world, m/s^2), yaw (rad/s^2)."""
     variance: Array
     """(4, 3) filter variance of position, velocity and disturbance of each axis x y z yaw."""
     pose_stamp: int
-    """Capture time of the newest pose in it, ns; -1 before the first."""
+    """Capture time of the newest pose used, ns; -1 before the first."""
     rejected: int
-    """Poses refused so far: outside the gate, stale, or not finite."""
+    """Number of poses refused so far: outside the gate, too old, or non-finite."""
 
 
 class Reference(NamedTuple):
-    """The planned flight from `stamp` on, at the control period; the last input is held."""
+    """The planned flight from `stamp` on, sampled at the control period."""
 
     stamp: int
     """Time of the first row, ns."""
     x: Array
     """(N + 1, 8) physical states."""
     u: Array
-    """(N, 4) feed-forward inputs."""
+    """(N, 4) feed-forward inputs, each held over one period."""
 
 
 class Plan(NamedTuple):
-    """What the controller expects to happen, from the stamp of its estimate on."""
+    """The flight that the controller predicts, from the stamp of its estimate on."""
 
     x: Array
     """(N + 1, 10) predicted states; the last two are the integral states, m."""
     u: Array
     """(N, 4) planned inputs."""
     u_nominal: Array
-    """(N, 4) inputs the model was linearised along."""
+    """(N, 4) inputs along which the model was linearised."""
+
+
+QpStatus = Literal["solved", "softened", "shifted_plan", "safe_hover"]
+"""The rung of the fallback ladder that gave the command."""
 
 
 class QpReport(NamedTuple):
-    """How one control problem was solved."""
+    """Outcome of the optimisation in one control step."""
 
-    status: str
-    """`solved`, `softened`, `shifted_plan` or `safe_hover`: the rung of the fallback ladder that answered."""
+    status: QpStatus
     iterations: int
     """Newton iterations of ProxQP, all attempts together."""
     active_bounds: int
     """Input and velocity bounds that hold with equality."""
     objective: float
-    """Half the cost (26) of the plan less that of the nominal inputs, and the penalty where it was softened."""
+    """Half the cost (26) of the plan minus that of the nominal inputs, plus the penalty if `softened`."""
     slack: float
     """Largest softening of a velocity bound, m/s or rad/s; 0 unless `softened`."""
 
 
 class Command(NamedTuple):
-    """What the controller asks for."""
+    """The inputs that the controller sends, and what they are based on."""
 
     stamp: int
-    """When it was decided, ns."""
+    """Control time at which it was decided, ns."""
     u: Array
-    """(4,) inputs."""
+    """(4,) inputs, fractions of full stick."""
     plan: Plan | None = None
-    """This and the report are put there after the command is on its way: see `Controller.explain`."""
+    """Plan and report are added after the command was sent: see `Controller.explain`."""
     qp: QpReport | None = None
     solve_ns: int = 0
-    """Measured wall time inside the QP solver, ns; logged, never used."""
+    """Measured wall time of the QP solver, ns; only logged."""
 
 
 def nanoseconds(seconds: float) -> int:
-    """A duration as integer nanoseconds."""
+    """Return a duration in s as integer nanoseconds."""
     return round(seconds * 1e9)

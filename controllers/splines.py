@@ -1,7 +1,7 @@
 """Smooth curves through given points: polynomials of degree five, joined with continuous acceleration.
 
 Source: van Nieuwstadt and Murray, "Real-time trajectory generation for differentially flat systems", 1998: with flat
-outputs a flight from point to point is any smooth enough curve, and polynomials will do.
+outputs, every sufficiently smooth curve from point to point can be flown, so polynomials suffice.
 """
 
 import numpy as np
@@ -11,12 +11,12 @@ from controllers.signals import Array
 
 
 def knot_motion(times: Array, points: Array, *, rest: bool) -> tuple[Array, Array]:
-    """How to pass through points: the velocity and acceleration of the parabola through each and its neighbours.
+    """Return the velocity and acceleration at each point of the parabola through it and its two neighbours.
 
     Args:
-        times: (n,) when, s, increasing.
-        points: (n, 4) where.
-        rest: Whether the first and the last point are at rest; otherwise the outermost parabolas go on to them.
+        times: (n,) times of the points, s, increasing.
+        points: (n, 4) x y z (m) and yaw (rad).
+        rest: True if the first and last points are at rest; otherwise their neighbours' parabolas extend to them.
 
     Returns:
         Velocities and accelerations, each (n, 4).
@@ -28,7 +28,7 @@ def knot_motion(times: Array, points: Array, *, rest: bool) -> tuple[Array, Arra
     velocity[1:-1] = (after * slope[:-1] + before * slope[1:]) / (before + after)
     acceleration[1:-1] = 2.0 * (slope[1:] - slope[:-1]) / (before + after)
     if not rest:
-        # Two points alone are flown on a straight line.
+        # With two points only, both accelerations are zero: a straight line.
         acceleration[0], acceleration[-1] = acceleration[1], acceleration[-2]
         velocity[0] = slope[0] - 0.5 * step[0] * acceleration[0]
         velocity[-1] = slope[-1] + 0.5 * step[-1] * acceleration[-1]
@@ -36,17 +36,17 @@ def knot_motion(times: Array, points: Array, *, rest: bool) -> tuple[Array, Arra
 
 
 def quintic(t: Array, times: Array, points: Array, velocity: Array, acceleration: Array) -> FlatOutput:
-    """Polynomials of degree five between knots; before the first and after the last knot the curve stands still.
+    """Evaluate polynomials of degree five between knots; the curve is at rest before the first and after the last.
 
     Args:
-        t: (n,) s.
-        times: (m,) of the knots, s, increasing.
-        points: (m, 4) knots.
-        velocity: (m, 4) at the knots.
-        acceleration: (m, 4) at the knots.
+        t: (n,) times, s.
+        times: (m,) times of the knots, s, increasing.
+        points: (m, 4) x y z (m) and yaw (rad) at the knots.
+        velocity: (m, 4) first time derivative at the knots.
+        acceleration: (m, 4) second time derivative at the knots.
 
     Returns:
-        Each (n, 4).
+        The flat outputs at t, each (n, 4).
     """
     i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     length = (times[i + 1] - times[i])[:, None]

@@ -1,4 +1,4 @@
-"""Control laws. One file here is one law; it is found by its `kind` and needs no registry."""
+"""Control laws. One file here is one law, selected by its `kind`; there is no registry to edit."""
 
 from typing import Protocol
 
@@ -9,28 +9,28 @@ from controllers.signals import Command, Estimate, QpReport, Reference
 
 
 class Controller(Protocol):
-    """A control law in flight. It dies with the flight."""
+    """A control law during one flight, with its state."""
 
     def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
         """Decide the next input.
 
         Args:
             now: The control time, ns.
-            estimate: What the helicopter will be doing when the command acts.
+            estimate: The state expected at the time when the command acts.
             reference: The planned flight from the estimate's stamp on, `steps` inputs long.
         """
         ...
 
     def explain(self, command: Command) -> Command:
-        """Add to the command of the last step what it rests on, as far as the law has it: plan and QP report.
+        """Return the command of the last step with its plan and QP report, if the law has them.
 
-        To fly, nobody needs them: they are worked out when they are asked for, once the command is on its way.
+        They are computed after the command was sent, because the flight does not need them.
         """
         ...
 
 
 class ControlLaw(Protocol):
-    """A control law as a value. A frozen dataclass with a literal `kind`.
+    """A control law as a value: a frozen dataclass with a literal `kind`.
 
     Studies quote the last paragraph of its docstring, which says where its defaults come from.
     """
@@ -42,19 +42,19 @@ class ControlLaw(Protocol):
 
     @property
     def steps(self) -> int:
-        """How many control periods of the planned flight it wants to see."""
+        """Number of control periods of the planned flight that the law reads in each step."""
         ...
 
     @property
     def model(self) -> Model:
-        """The helicopter as it believes it to be."""
+        """The helicopter as the law believes it to be."""
         ...
 
     def start(self) -> Controller:
-        """A controller for one flight."""
+        """Return a controller for one flight."""
         ...
 
 
 def safe_hover(model: Model, now: int) -> Command:
-    """What to send while nothing better is known: level, and the thrust that is believed to hold the height."""
+    """Return the command that is sent without a usable estimate or plan: level, with the believed hover thrust."""
     return Command(now, np.array(model.u_hover), qp=QpReport("safe_hover", 0, 0, 0.0, 0.0))

@@ -9,9 +9,10 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.condensed_qp import CondensedQp, Condenser, Limits, Weights, riccati_terminal_weight
 from controllers.laws import safe_hover
-from controllers.ltv import N_STATES, NO_PUSH, PARTS, Coupling, Discretisation, Linearisation, Ltv, Part, shift
+from controllers.ltv import NO_PUSH, SUBSYSTEMS, Coupling, Discretisation, Linearisation, Ltv, Subsystem, shift
 from controllers.model import Model
 from controllers.proxqp import ProxQp, Solution
+from controllers.rotations import rotate_to_body
 from controllers.signals import Array, Command, Estimate, Plan, QpReport, Reference
 
 Weight = Annotated[float, Ge(0)]
@@ -43,11 +44,11 @@ class LtvMpc:
 
     @property
     def steps(self) -> int:
-        """Inputs in the horizon: the sums of (26) run over k = t .. t + p."""
+        """Number of inputs in the horizon: the sums of (26) run over k = t .. t + p."""
         return self.horizon + 1
 
     def start(self) -> "LtvMpcController":
-        """A controller for one flight."""
+        """Return a controller for one flight."""
         return LtvMpcController(self)
 
 
@@ -63,15 +64,15 @@ class LtvMpcController:
         self._weights = Weights(np.sqrt(np.array(spec.Q)), np.array(spec.R), np.sqrt(Q))
         if spec.terminal == "riccati":
             level = Linearisation(model, spec.k_i, spec.period, "removed", spec.discretisation)
-            A, B = level.discretise(*level.jacobians(np.zeros((1, N_STATES))))
+            A, B = level.discretise(*level.jacobians(np.zeros((1, len(Q)))))
             P = riccati_terminal_weight(A[0], B[0], Q, np.diag(spec.R))
             self._weights = self._weights._replace(sqrt_Qf=np.linalg.cholesky(P).T)
-        parts = PARTS[spec.coupling]
-        self._shares = [_Share(part, spec.steps, self._limits, self._weights) for part in parts]
-        self._solved: list[Solution] = []
-        self._state_order = np.argsort(np.concatenate([part.states for part in parts]))
+        subsystems = SUBSYSTEMS[spec.coupling]
+        self._problems = [_Problem(part, spec.steps, self._limits, self._weights) for part in subsystems]
+        self._solutions: list[Solution] = []
+        self._state_order = np.argsort(np.concatenate([part.states for part in subsystems]))
         self._u_nominal: Array | None = None
-        self._flown: tuple[Ltv, Array] | None = None
+        self._planned: tuple[Ltv, Array] | None = None
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
         self._half_step = 0.5 * spec.k_i * spec.period
         self._unsolved = 0
@@ -79,15 +80,15 @@ class LtvMpcController:
     def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
         """Solve (26) from the estimate and send the first input of the plan.
 
-        Where the QP is infeasible or does not converge in time, its velocity bounds are softened; where that
-        fails too, the last plan is flown on, and after its end a level hover is commanded.
+        If the QP is infeasible or does not converge within its iterations, its velocity bounds are softened. If that
+        fails too, the last plan is continued, and after its end a level hover is commanded.
         """
-        self._flown = None
+        self._planned = None
         if not all(map(isfinite, estimate.x.tolist())):
             return safe_hover(self._spec.model, now)
         ltv, qps = self.problem(estimate, reference)
-        solutions = [share.solver(qp) for share, qp in zip(self._shares, qps, strict=True)]
-        solve_ns = sum(share.solver.solve_ns for share in self._shares)
+        solutions = [problem.solver(qp) for problem, qp in zip(self._problems, qps, strict=True)]
+        solve_ns = sum(problem.solver.solve_ns for problem in self._problems)
         solved, u = [solution for solution in solutions if solution], ltv.u_nominal
         if len(solved) == len(solutions):
             self._unsolved, steps = 0, self._spec.steps
@@ -99,25 +100,25 @@ class LtvMpcController:
             if self._unsolved > self._spec.steps:
                 return safe_hover(self._spec.model, now)._replace(solve_ns=solve_ns)
             solved = []
-        self._u_nominal, self._flown, self._solved = shift(u), (ltv, u), solved
+        self._u_nominal, self._planned, self._solutions = shift(u), (ltv, u), solved
         return Command(now, u[0], solve_ns=solve_ns)
 
     def explain(self, command: Command) -> Command:
         """Add the states that the LTV model reaches under the planned inputs, and how the QPs were solved."""
-        if self._flown is None:
+        if self._planned is None:
             return command
-        ltv, u = self._flown
+        ltv, u = self._planned
         du = u - ltv.u_nominal
-        moved = [share.condenser.response(du.take(share.part.inputs, axis=1)) for share in self._shares]
-        x = ltv.x_nominal + np.concatenate(moved, axis=1).take(self._state_order, axis=1)
-        return command._replace(plan=Plan(x, u, ltv.u_nominal), qp=_report(self._solved))
+        dx = [problem.condenser.response(du.take(problem.subsystem.inputs, axis=1)) for problem in self._problems]
+        x = ltv.x_nominal + np.concatenate(dx, axis=1).take(self._state_order, axis=1)
+        return command._replace(plan=Plan(x, u, ltv.u_nominal), qp=_report(self._solutions))
 
     def linearise_along(self, u_nominal: Array) -> None:
-        """Take these nominal inputs (N, 4) in the next step, not the shifted last plan: those of a log, for one."""
+        """Use these nominal inputs (N, 4), for example of a log, in the next step instead of the shifted last plan."""
         self._u_nominal = u_nominal
 
     def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
-        """Linearise along the nominal inputs and condense (26): one QP for each part of the model."""
+        """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
         spec = self._spec
         error = estimate.x[:2] - reference.x[0, :2]
         self._integral += self._half_step * (error + self._last_error)
@@ -133,48 +134,46 @@ class LtvMpcController:
         ltv = self._linearise(np.concatenate([estimate.x, self._integral]), u_nominal, reference.x[:, :2], push)
         x_off, u_off = ltv.x_nominal.copy(), u_nominal - u_ref
         x_off[:, :8] -= reference.x
-        # The estimate counts turns from the first pose it saw, the plan from its own start.
+        # The estimate and the plan can differ by whole turns: each counts them from its own start.
         turns = round(float(x_off[0, 3]) / (2.0 * pi))
         if turns:
             x_off[:, 3] -= 2.0 * pi * turns
-        weights = [share.weights for share in self._shares]
+        weights = [problem.weights for problem in self._problems]
         if spec.terminal == "riccati":
-            turned = self._turned_weights(ltv)
-            weights = [turned.of(share.part) for share in self._shares]
-        return ltv, [share.condenser(ltv, w, x_off, u_off) for share, w in zip(self._shares, weights, strict=True)]
+            at_heading = self._weights_at_heading(ltv.x_nominal[-1, 3])
+            weights = [at_heading.of(problem.subsystem) for problem in self._problems]
+        return ltv, [p.condenser(ltv, w, x_off, u_off) for p, w in zip(self._problems, weights, strict=True)]
 
-    def _turned_weights(self, ltv: Ltv) -> Weights:
-        """The Riccati weight belongs to a helicopter that looks north: turn it to the heading at the horizon's end."""
-        yaw = ltv.x_nominal[-1, 3]
-        turn = np.eye(N_STATES)
+    def _weights_at_heading(self, yaw: Array) -> Weights:
+        """The Riccati weight was computed for yaw = 0: rotate it to the yaw at the end of the horizon."""
+        rotation = np.eye(len(self._weights.sqrt_Qf))
         for i in (0, 8):
-            turn[i : i + 2, i : i + 2] = [[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]
-        return self._weights._replace(sqrt_Qf=self._weights.sqrt_Qf @ turn)
+            rotation[i : i + 2, i : i + 2] = rotate_to_body(np.eye(2), yaw).T
+        return self._weights._replace(sqrt_Qf=self._weights.sqrt_Qf @ rotation)
 
 
-class _Share:
-    """What one part of the model has in (26), with its own condenser and solver."""
+class _Problem:
+    """The optimisation (26) of one subsystem: its weights, condenser and solver."""
 
-    def __init__(self, part: Part, steps: int, limits: Limits, weights: Weights) -> None:
-        self.part, self.weights = part, weights.of(part)
-        self.condenser = Condenser(steps, limits, part)
-        self.solver = ProxQp(steps, len(part.inputs))
+    def __init__(self, subsystem: Subsystem, steps: int, limits: Limits, weights: Weights) -> None:
+        self.subsystem, self.weights = subsystem, weights.of(subsystem)
+        self.condenser = Condenser(steps, limits, subsystem)
+        self.solver = ProxQp(steps, len(subsystem.inputs))
 
 
 _CANCELLED = {"z": np.array([0.0, 0.0, 1.0, 0.0]), "all": np.ones(4)}
-"""Share of the disturbances x y z yaw that `offset_free` takes into account."""
+"""Factors on the estimated disturbances x y z yaw for each value of `offset_free`."""
 
 
 def _as_input(model: Model, push: Array, yaw: Array) -> Array:
-    """The inputs (n, 4) that accelerate as a push x y z (world), yaw (4,) does, at the headings yaw (n,)."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    ahead, port = c * push[0] + s * push[1], c * push[1] - s * push[0]
-    up, turn = np.full_like(yaw, push[2]), np.full_like(yaw, push[3])
-    return np.stack([ahead / model.b_x, port / model.b_y, up / model.b_z, turn / model.b_yaw], axis=-1)
+    """The inputs (n, 4) that give the acceleration push (4,), x y z (world) and yaw, at the headings yaw (n,)."""
+    u = np.tile(push, (len(yaw), 1))
+    u[:, :2] = rotate_to_body(push[:2], yaw)
+    return u / np.array([model.b_x, model.b_y, model.b_z, model.b_yaw])
 
 
 def _report(solutions: list[Solution]) -> QpReport:
-    """All parts' solutions together; nothing solved is a plan flown on."""
+    """Sum up the subsystems' solutions; without any, the last plan was continued."""
     if not solutions:
         return QpReport("shifted_plan", 0, 0, 0.0, 0.0)
     return QpReport(

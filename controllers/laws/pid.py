@@ -1,7 +1,7 @@
-"""The paper's baseline: one PID controller per axis, as its users know it."""
+"""The paper's baseline: one PID controller per axis."""
 
 from dataclasses import dataclass, field
-from math import cos, pi, sin
+from math import cos, sin
 from typing import Annotated, Literal
 
 import numpy as np
@@ -9,21 +9,23 @@ from annotated_types import Ge, Le, Unit, doc
 
 from controllers.laws import safe_hover
 from controllers.model import Model
+from controllers.rotations import wrap_angle
 from controllers.signals import Array, Command, Estimate, Reference
 
 
 @dataclass(frozen=True, slots=True)
 class Pid:
-    """Four PID controllers, x y z yaw, on the errors as the helicopter sees them.
+    """Four PID controllers, x y z yaw, on the errors in the body frame.
 
-    The position error is turned to the heading, so that pitch answers for ahead and roll for port; hovering thrust is
-    fed forward; the derivative acts on the estimated velocity, not on the reference's steps; the integrals live in the
-    room, where a steady push stays put while the helicopter turns, and stop while their input is at its limit.
+    The position error is rotated to the body frame, so that pitch corrects the error ahead and roll the error to port.
+    The hover thrust is fed forward. The derivative acts on the estimated velocity, so that a step of the reference
+    gives no peak. The integrals are kept in the world frame, where a steady push is constant while the helicopter
+    turns; each stops while its input is at its limit.
 
-    The gains began as Ziegler and Nichols' on the twin and were scaled by hand while that lowered (26) on steps under
-    gusts: a step overshoots by about a tenth, and the gains of an axis can be doubled before it oscillates.
-    `heli-twin tune pid` finds bolder ones: between way-points they err a sixth less, in hover as much in place and
-    twice as much in heading. Both beat Ziegler and Nichols' own by far.
+    The gains began as those of Ziegler and Nichols on the twin and were scaled by hand while that lowered (26) on steps
+    under gusts: a step overshoots by about a tenth, and the gains of an axis can be doubled before it oscillates.
+    `heli-twin tune pid` finds higher gains: their errors are a sixth smaller between way-points, equal in position and
+    twice as large in heading in hover. Both are far better than the gains of Ziegler and Nichols.
     """
 
     kind: Literal["pid"] = "pid"
@@ -47,16 +49,16 @@ class Pid:
 
     @property
     def steps(self) -> int:
-        """It looks at the reference of now alone."""
+        """One: only the current reference is used."""
         return 1
 
     def start(self) -> "PidController":
-        """A controller for one flight."""
+        """Return a controller for one flight."""
         return PidController(self)
 
 
 class PidController:
-    """One flight's PID: the integrals."""
+    """The PID controllers of one flight, with their integrals."""
 
     def __init__(self, spec: Pid) -> None:
         self._spec = spec
@@ -69,29 +71,29 @@ class PidController:
         """World, m s and rad s."""
 
     def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
-        """Answer the errors of this moment, within the limits on the inputs."""
+        """Return the inputs for the current errors, clipped to the input limits."""
         x, x_ref = estimate.x, reference.x[0]
         if not np.isfinite(x).all():
             return safe_hover(self._spec.model, now)
-        error = _turned(x_ref[:4] - x[:4], -x[3])
-        error[3] = (error[3] + pi) % (2.0 * pi) - pi
+        error = _rotated(x_ref[:4] - x[:4], -x[3])
+        error[3] = wrap_angle(error[3])
         u, velocity_error = self._hover, -x[4:]
         if self._spec.feed_forward == "flat":
-            # Seen from where the nose points, not from where it should.
-            u, velocity_error = reference.u[0], _turned(x_ref[4:], x_ref[3] - x[3]) - x[4:]
-        integral = _turned(self._integral, -x[3])
+            # The planned velocity in the body frame of the estimated yaw, not of the planned yaw.
+            u, velocity_error = reference.u[0], _rotated(x_ref[4:], x_ref[3] - x[3]) - x[4:]
+        integral = _rotated(self._integral, -x[3])
         u = u + self._p * error + self._i * integral + self._d * velocity_error
-        # At a limit, an integral may only help to come off it.
+        # At a limit, an integral may only change in the direction that leaves the limit.
         stuck = ((u >= self._high) & (error > 0.0)) | ((u <= self._low) & (error < 0.0))
-        self._integral += _turned(np.where(stuck, 0.0, self._spec.period * error), x[3])
+        self._integral += _rotated(np.where(stuck, 0.0, self._spec.period * error), x[3])
         return Command(now, np.clip(u, self._low, self._high))
 
     def explain(self, command: Command) -> Command:
-        """It does not look ahead."""
+        """Return the command unchanged: a PID has no plan."""
         return command
 
 
-def _turned(v: Array, angle: float) -> Array:
-    """A vector x y z yaw turned about the vertical by an angle, rad."""
+def _rotated(v: Array, angle: float) -> Array:
+    """Rotate a vector x y z yaw about the vertical axis by an angle, rad."""
     c, s = cos(angle), sin(angle)
     return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2], v[3]])

@@ -1,7 +1,7 @@
-"""Planned flights. One file here is one family; it is found by its `kind` and needs no registry.
+"""Planned flights. One file here is one kind of trajectory, selected by its `kind`; there is no registry to edit.
 
-A trajectory is a frozen dataclass with a literal `kind` and a method `flat(t)`: times (n,) in s to the flat
-outputs and their first two derivatives, for every t >= 0, also beyond the end of the flight.
+A trajectory is a frozen dataclass with a literal `kind` and a method `flat(t)`: it returns the flat outputs and
+their first two derivatives at the times t (n,), s, for every t >= 0, also after the end of the flight.
 """
 
 from typing import Protocol, runtime_checkable
@@ -15,19 +15,19 @@ class Trajectory(Protocol):
     """A planned flight as a value."""
 
     def flat(self, t: Array) -> FlatOutput:
-        """Flat outputs at the times t (n,), s, each (n, 4)."""
+        """Return the flat outputs at the times t (n,), s, each (n, 4)."""
         ...
 
 
 @runtime_checkable
 class OpenTrajectory(Trajectory, Protocol):
-    """A planned flight that leaves something for the believed limits to decide."""
+    """A planned flight of which some values, such as times, depend on the believed limits."""
 
     def fitted(self, model: Model) -> Trajectory:
-        """The flight as `model` can fly it."""
+        """Return the flight with these values chosen for `model`."""
         ...
 
 
 def fitted(trajectory: Trajectory, model: Model) -> Trajectory:
-    """The trajectory with everything decided that it leaves to the believed helicopter."""
+    """Return the trajectory with all values chosen that depend on the believed helicopter."""
     return trajectory.fitted(model) if isinstance(trajectory, OpenTrajectory) else trajectory

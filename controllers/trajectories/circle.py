@@ -26,7 +26,7 @@ class Circle:
     )
 
     def flat(self, t: Array) -> FlatOutput:
-        """The point on the circle at the angle that a smooth start has reached."""
+        """Return the point on the circle at the angle of a smooth start."""
         angle, rate, acceleration = (self.rate * s for s in smooth_start(t, self.ramp))
         c, s, r = np.cos(angle), np.sin(angle), self.radius
         zero = np.zeros_like(angle)

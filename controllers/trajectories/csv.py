@@ -1,4 +1,4 @@
-"""Fly a path of the user's own, given as rows of time, position and heading."""
+"""Fly a user's path, given as rows of time, position and heading."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,10 +19,11 @@ Row = tuple[float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Csv:
-    """Smooth through every row at its time, along polynomials of degree five in the flat outputs.
+    """A smooth flight through every row at its time, along polynomials of degree five in the flat outputs.
 
-    The rows themselves are the value: a log flies again without the file they came from. The first row's time counts
-    as 0. Between two rows the heading turns the short way. Rows that begin or end in motion need a `ramp`.
+    The rows are stored in the experiment, not the file name: a log can be flown again without the file. Times count
+    from the first row's. Between two rows the heading turns the shorter way. Rows that begin or end in motion need a
+    `ramp`.
     """
 
     kind: Literal["csv"] = "csv"
@@ -59,7 +60,7 @@ class Csv:
                 )
 
     def flat(self, t: Array) -> FlatOutput:
-        """The way flown so far; after the last row it stands there."""
+        """Return the flat outputs; after the last row the flight stays there."""
         rows = np.array(self.rows)
         times, points = rows[:, 0] - rows[0, 0], rows[:, 1:].copy()
         points[:, 3] = np.unwrap(points[:, 3])

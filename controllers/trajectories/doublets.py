@@ -1,4 +1,4 @@
-"""Push axes one way and back again: the flight that shows an axis' gain, damping and delay."""
+"""Accelerate axes in one direction and back: a flight for identifying gain, damping and delay of each axis."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -9,20 +9,20 @@ from annotated_types import Gt, Le, Unit, doc
 from controllers.flatness import FlatOutput
 from controllers.signals import Array
 
-QUICK = 0.7
-"""Length of every second pair of doublets: two frequencies tell delay from damping."""
+SHORT_PULSE_FACTOR = 0.7
+"""Relative pulse length of every second pair of doublets: two frequencies separate delay from damping."""
 
 
 @dataclass(frozen=True, slots=True)
 class Doublets:
     """Doublets of acceleration, for identification: in the plane, or in height and heading.
 
-    A doublet moves the helicopter from rest to rest, the opposite one brings it back, for ever. Its feed-forward is
-    a doublet of the inputs, about hover: in open loop the helicopter would leave the cameras' view. The edges are
-    ramps, slow enough for what the paper's model leaves out, and smooth enough to be a flat output.
+    A doublet moves the helicopter from rest to rest, the opposite doublet brings it back, and so on. It is flown in
+    closed loop, with feed-forward inputs that are doublets about hover: in open loop the helicopter would leave the
+    cameras' view. The edges of the pulses are ramps, so that dynamics outside the paper's model are little excited.
 
-    The defaults use what the believed limits leave: 0.8 of full stick in the plane, the rest is for gusts, and 1.6 m to
-    each side.
+    The defaults stay within the believed limits: 0.8 of full stick in the plane, which leaves a reserve for gusts, and
+    1.6 m to each side.
     """
 
     kind: Literal["doublets"] = "doublets"
@@ -38,7 +38,7 @@ class Doublets:
     height: Annotated[float, Gt(0), Unit("m"), doc("of the centre of gravity above the floor, midway")] = 1.0
 
     def flat(self, t: Array) -> FlatOutput:
-        """Trains of doublets, each about its middle."""
+        """Return trains of doublets about the middle of the room."""
         rest = (np.zeros_like(t),) * 3
         x = y = z = yaw = rest
         if self.axes == "plane":
@@ -51,15 +51,16 @@ class Doublets:
 
 
 def _train(t: Array, peak: float, pulse: float, edge: float) -> tuple[Array, Array, Array]:
-    """Position, speed and acceleration of one axis at the times t (n,): out and back, and quicker out and back."""
+    """Position, velocity and acceleration (n,) of one axis: a pair of opposite doublets, then a shorter pair."""
     times, shape = [0.0], [0.0]
-    for sign, length in ((1.0, pulse), (-1.0, pulse), (1.0, QUICK * pulse), (-1.0, QUICK * pulse)):
+    short = SHORT_PULSE_FACTOR * pulse
+    for sign, length in ((1.0, pulse), (-1.0, pulse), (1.0, short), (-1.0, short)):
         corners = (edge, 1.0 - edge, 1.0 + edge, 2.0 - edge, 2.0)
         start = times[-1]
         times += [start + length * corner for corner in corners]
         shape += [sign, sign, -sign, -sign, 0.0]
     knots, a = np.array(times), peak * np.array(shape)
-    # Acceleration is linear between knots; speed and position there follow exactly.
+    # Acceleration is linear between knots; velocity and position at the knots are its exact integrals.
     h = np.diff(knots)
     v = np.concatenate([[0.0], np.cumsum(h * (a[:-1] + a[1:]) / 2)])
     p = np.concatenate([[0.0], np.cumsum(h * v[:-1] + h**2 * (2 * a[:-1] + a[1:]) / 6)])

@@ -27,7 +27,7 @@ class FerrisWheel:
     )
 
     def flat(self, t: Array) -> FlatOutput:
-        """The point on the wheel at the angle that a smooth start has reached."""
+        """Return the point on the wheel at the angle of a smooth start."""
         pace = smooth_start(t, self.ramp)
         angle, r, w = self.rate * pace[0], self.radius, self.rate
         c, s = r * np.cos(angle), r * np.sin(angle)

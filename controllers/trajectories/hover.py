@@ -21,6 +21,6 @@ class Hover:
     yaw: Annotated[float, Unit("rad"), doc("heading, 0 is north, positive to port")] = 0.0
 
     def flat(self, t: Array) -> FlatOutput:
-        """The same point at all times."""
+        """Return the same point at all times."""
         rest = np.zeros((len(t), 4))
         return FlatOutput(rest + np.array([self.x, self.y, self.height, self.yaw]), rest, rest)

@@ -29,7 +29,7 @@ class Lemniscate:
     )
 
     def flat(self, t: Array) -> FlatOutput:
-        """The point on the figure at the angle that a smooth start has reached; it starts in the middle."""
+        """Return the point on the figure at the angle of a smooth start from its middle."""
         pace = smooth_start(t, self.ramp)
         angle, w, a, b = self.rate * pace[0], self.rate, 0.5 * self.length, 0.5 * self.width
         s, c, s2, c2 = np.sin(angle), np.cos(angle), np.sin(2.0 * angle), np.cos(2.0 * angle)
@@ -45,7 +45,7 @@ class Lemniscate:
         a, b = 0.5 * self.length, 0.5 * self.width
         dx, ddx, dddx = a * np.cos(angle), -a * np.sin(angle), -a * np.cos(angle)
         dy, ddy, dddy = 2 * b * np.cos(2 * angle), -4 * b * np.sin(2 * angle), -8 * b * np.cos(2 * angle)
-        # One lobe turns right by as much as the other turns left. Seen from the middle of that range, starboard,
+        # One lobe turns right by as much as the other turns left. Relative to the middle of that range, west or east,
         # the direction stays within +-(pi / 2 + atan(2 b / a)), so that the arc tangent never wraps.
         middle = -0.5 * pi if self.rate >= 0.0 else 0.5 * pi
         square, cross = dx * dx + dy * dy, dx * ddy - dy * ddx

@@ -24,7 +24,7 @@ class Pirouette:
     )
 
     def flat(self, t: Array) -> FlatOutput:
-        """The point, and the heading that a smooth start has reached."""
+        """Return the fixed point and the heading after a smooth start."""
         pace = smooth_start(t, self.ramp)
         point = (self.x, self.y, self.height, self.rate * pace[0])
         return along(pace, point, (0.0, 0.0, 0.0, self.rate), (0.0, 0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Turn on the own axis while flying round a circle."""
+"""Fly round a circle while turning about the vertical axis."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -13,7 +13,7 @@ from controllers.signals import Array
 
 @dataclass(frozen=True, slots=True)
 class PirouetteCircle:
-    """A level circle about the origin with a heading that turns at a rate of its own."""
+    """A level circle about the origin with a heading that turns at another rate."""
 
     kind: Literal["pirouette_circle"] = "pirouette_circle"
     radius: Annotated[float, Gt(0), Unit("m"), doc("radius of the circle")] = 0.5
@@ -27,7 +27,7 @@ class PirouetteCircle:
     )
 
     def flat(self, t: Array) -> FlatOutput:
-        """The point on the circle and the heading that a smooth start has reached; it starts looking north."""
+        """Return the point on the circle and the heading after a smooth start from heading north."""
         pace = smooth_start(t, self.ramp)
         angle, w = self.rate * pace[0], self.rate
         c, s = self.radius * np.cos(angle), self.radius * np.sin(angle)

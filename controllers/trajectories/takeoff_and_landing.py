@@ -18,7 +18,7 @@ from controllers.trajectories.circle import Circle
 
 @dataclass(frozen=True, slots=True)
 class TakeoffAndLanding:
-    """Straight up to where a trajectory starts, along it from rest to rest, and straight down from where it ends."""
+    """Climb vertically to the start of a trajectory, fly it from rest to rest, and descend vertically from its end."""
 
     kind: Literal["takeoff_and_landing"] = "takeoff_and_landing"
     flight: Annotated[Trajectory, OneOf("controllers.trajectories"), doc("what to fly in between")] = field(
@@ -31,7 +31,7 @@ class TakeoffAndLanding:
     floor: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity when it stands")] = 0.045
 
     def flat(self, t: Array) -> FlatOutput:
-        """The flight at the pace of a clock that starts and stops at rest, lowered to the floor at both ends."""
+        """Return the flight at the pace of a clock that starts and stops, lowered to the floor at both ends."""
         pace = smooth_ride(t - self.climb, self.airborne, self.ramp)
         inner = paced(self.flight.flat(pace[0]), pace)
         first, last = self.flight.flat(np.array([0.0, self.airborne])).z[:, 2]
@@ -44,5 +44,5 @@ class TakeoffAndLanding:
         return FlatOutput(inner.z + sunk.z, inner.dz + sunk.dz, inner.ddz + sunk.ddz)
 
     def fitted(self, model: Model) -> "TakeoffAndLanding":
-        """The same flight around the one that `model` allows."""
+        """Return the same flight with the inner trajectory fitted to `model`."""
         return replace(self, flight=fitted(self.flight, model))

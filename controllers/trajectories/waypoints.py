@@ -17,19 +17,18 @@ from controllers.splines import knot_motion, quintic
 Point = tuple[float, float, float, float]
 """x, y, height (m) and heading (rad)."""
 
-_SHORTEST = 0.1
-"""s, between two points that are the same."""
-_LONGEST = 1000.0
-"""s; a model that needs longer between two points cannot fly at all, and the check of the flight says why."""
+_SHORTEST_LEG_S = 0.1
+"""Duration of a leg between two equal points, s."""
+_LONGEST_LEG_S = 1000.0
+"""Where the search for a duration ends, s; if a leg needs more, `check_feasible` refuses the flight and says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Waypoints:
-    """Smooth from point to point, from rest to rest, along polynomials of degree five in the flat outputs.
+    """A smooth flight from point to point, from rest to rest, along polynomials of degree five in the flat outputs.
 
-    Headings are taken as they are written: from 0 to 6.28 is a whole turn to port. Where no times are given, each
-    leg takes the shortest time that needs no more than `effort` of what the believed helicopter can do beyond
-    hovering.
+    Headings are not wrapped: from 0 to 6.28 is a whole turn to port. Without times, each leg takes the shortest time
+    in which the flight needs no more than the share `effort` of the believed limits beyond hovering.
     """
 
     kind: Literal["waypoints"] = "waypoints"
@@ -53,10 +52,10 @@ class Waypoints:
     effort: Annotated[float, Gt(0), Le(1), doc("share of the believed limits to use where no times are given")] = 0.25
 
     def __post_init__(self) -> None:
-        """Refuse times that no flight can keep.
+        """Refuse times that do not belong to the points.
 
         Raises:
-            ValueError: Not one time per point, or they do not increase from 0.
+            ValueError: There is not one time per point, or the times do not increase from 0.
         """
         times = self.times
         if times and len(times) != len(self.points):
@@ -65,18 +64,18 @@ class Waypoints:
             raise ValueError(f"times = {list(times)} has to start at 0 and increase")
 
     def flat(self, t: Array) -> FlatOutput:
-        """The way flown so far; after the last point it stands there."""
+        """Return the flat outputs; after the last time the flight stays at the last point."""
         return _curve(t, np.array(self.fitted(Model()).times), np.array(self.points), self.corners)
 
     def fitted(self, model: Model) -> "Waypoints":
-        """The same flight with the times that `model` allows, unless it has its own."""
+        """Return the same flight with the shortest times that `model` allows, unless times are given."""
         if self.times:
             return self
         points = np.array(self.points)
         legs = np.array([_shortest(points[i : i + 2], np.ones(1), self, model) for i in range(len(points) - 1)])
         if self.corners == "pass" and len(points) > 2:
             legs *= _shortest(points, legs, self, model)
-        # Whole milliseconds, upwards: times that a person can read.
+        # Rounded up to milliseconds, to be readable.
         return replace(self, times=(0.0, *(np.cumsum(np.ceil(1e3 * legs)) / 1e3).tolist()))
 
 
@@ -87,15 +86,15 @@ def _curve(t: Array, times: Array, points: Array, corners: str) -> FlatOutput:
 
 
 def _shortest(points: Array, legs: Array, spec: Waypoints, model: Model) -> float:
-    """The least factor on the durations of the legs (s) that keeps the demand below the allowed effort."""
+    """The smallest factor on the durations of the legs (s) that keeps the demand below the allowed effort."""
 
     def fits(factor: float) -> bool:
         times = np.concatenate([[0.0], np.cumsum(factor * legs)])
         t = times[-1] * np.arange(64 * len(legs) + 1) / (64 * len(legs))
         return _demand(_curve(t, times, points, spec.corners), model) <= spec.effort
 
-    low, high = 0.0, _SHORTEST
-    while not fits(high) and high < _LONGEST:
+    low, high = 0.0, _SHORTEST_LEG_S
+    while not fits(high) and high < _LONGEST_LEG_S:
         low, high = high, 2.0 * high
     while low > 0.0 and high - low > 1e-3 * high:
         middle = 0.5 * (low + high)
@@ -104,7 +103,7 @@ def _shortest(points: Array, legs: Array, spec: Waypoints, model: Model) -> floa
 
 
 def _demand(flat: FlatOutput, model: Model) -> float:
-    """The greatest share of the room between hovering and the limits (28), (29) that a flight takes up."""
+    """The largest share of the ranges between hover and the limits (28), (29) that a flight needs."""
     hover = np.array(model.u_hover)
     beyond = feed_forward(model, flat) - hover
     room = np.where(beyond > 0.0, np.array(model.u_max) - hover, hover - np.array(model.u_min))

@@ -5,12 +5,12 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag, null_space, solve_discrete_are
 
 from controllers.condensed_qp import Condenser, Limits, Weights, riccati_terminal_weight
-from controllers.ltv import PARTS, Linearisation, Ltv
+from controllers.ltv import SUBSYSTEMS, Linearisation, Ltv
 from controllers.model import Model
 
 PERIOD, K_I = 0.02, 2.0
 MODEL = Model()
-(WHOLE,) = PARTS["full"]
+(WHOLE,) = SUBSYSTEMS["full"]
 LIMITS = Limits(np.array(MODEL.u_min), np.array(MODEL.u_max), np.array(MODEL.v_max))
 seeds = st.integers(0, 2**32 - 1)
 horizons = st.integers(1, 12)
@@ -185,16 +185,16 @@ def test_a_condenser_remembers_nothing(problem_seeds, steps):
 @given(st.tuples(seeds, seeds), horizons, st.sampled_from(["euler", "exact"]))
 @settings(max_examples=20)
 def test_a_constant_part_is_condensed_once_and_for_all(problem_seeds, steps, method):
-    plane, height_and_yaw = PARTS["removed"]
+    plane, height_and_yaw = SUBSYSTEMS["removed"]
     linearise = Linearisation(MODEL, K_I, PERIOD, "removed", method)
     found = []
-    for part in plane, height_and_yaw:
-        kept = Condenser(steps, LIMITS, part)
+    for subsystem in plane, height_and_yaw:
+        kept = Condenser(steps, LIMITS, subsystem)
         for seed in problem_seeds:
             problem, start = Problem(seed, steps), np.random.default_rng(seed).uniform(-1, 1, 10)
             ltv = linearise(start, problem.ltv.u_nominal, np.zeros((steps + 1, 2)))
-            weights = Weights(np.arange(1.0, 11.0), np.ones(4), np.eye(10)).of(part)
-            again, fresh = (c(ltv, weights, *problem.off) for c in (kept, Condenser(steps, LIMITS, part)))
+            weights = Weights(np.arange(1.0, 11.0), np.ones(4), np.eye(10)).of(subsystem)
+            again, fresh = (c(ltv, weights, *problem.off) for c in (kept, Condenser(steps, LIMITS, subsystem)))
             for one, other in zip(again, fresh, strict=True):
                 np.testing.assert_array_equal(one, other)
             found.append(again)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import expm
 
-from controllers.ltv import PARTS, Linearisation, shift
+from controllers.ltv import SUBSYSTEMS, Linearisation, shift
 from controllers.model import Model, advance
 
 PERIOD, K_I, N = 0.02, 2.0, 19
@@ -158,15 +158,15 @@ def test_no_part_acts_on_another(seed, coupling, method):
     x0, u, xy_ref = flying(seed)
     ltv = along(coupling, method)(x0, u, xy_ref)
     A, B = ltv.A.copy(), ltv.B.copy()
-    for part in PARTS[coupling]:
-        own_A, own_B = np.split(part.matrices(ltv), [len(part.states)], axis=2)
-        np.testing.assert_array_equal(own_A, A[:, part.states[:, None], part.states])
-        np.testing.assert_array_equal(own_B, B[:, part.states[:, None], part.inputs])
-        assert not part.constant or not (np.ptp(own_A, axis=0).any() or np.ptp(own_B, axis=0).any())
-        np.testing.assert_array_equal(part.states[part.own_velocities], part.velocities)
-        A[:, part.states[:, None], part.states] = B[:, part.states[:, None], part.inputs] = 0.0
+    for subsystem in SUBSYSTEMS[coupling]:
+        own_A, own_B = np.split(subsystem.matrices(ltv), [len(subsystem.states)], axis=2)
+        np.testing.assert_array_equal(own_A, A[:, subsystem.states[:, None], subsystem.states])
+        np.testing.assert_array_equal(own_B, B[:, subsystem.states[:, None], subsystem.inputs])
+        assert not subsystem.constant or not (np.ptp(own_A, axis=0).any() or np.ptp(own_B, axis=0).any())
+        np.testing.assert_array_equal(subsystem.states[subsystem.own_velocities], subsystem.velocities)
+        A[:, subsystem.states[:, None], subsystem.states] = B[:, subsystem.states[:, None], subsystem.inputs] = 0.0
     # Nothing is left between the parts, to the last digit.
     assert not A.any()
     assert not B.any()
-    assert sorted(np.concatenate([part.states for part in PARTS[coupling]])) == list(range(10))
-    assert [*np.concatenate([part.inputs for part in PARTS[coupling]])] == [0, 1, 2, 3]
+    assert sorted(np.concatenate([subsystem.states for subsystem in SUBSYSTEMS[coupling]])) == list(range(10))
+    assert [*np.concatenate([subsystem.inputs for subsystem in SUBSYSTEMS[coupling]])] == [0, 1, 2, 3]

@@ -174,9 +174,9 @@ def test_where_no_solution_is_found_the_last_plan_is_flown_and_then_a_safe_hover
 
 def test_one_solution_ends_the_fallback(monkeypatch):
     Failing(monkeypatch, lambda call: call in (2, 3, 5))
-    found = commands(LtvMpc(coupling="full"), 6)
-    assert [c.qp.status == "solved" for c in found] == [True, False, False, True, False, True]
-    np.testing.assert_array_equal(found[4].u, found[3].plan.u[1])
+    answers = commands(LtvMpc(coupling="full"), 6)
+    assert [c.qp.status == "solved" for c in answers] == [True, False, False, True, False, True]
+    np.testing.assert_array_equal(answers[4].u, answers[3].plan.u[1])
 
 
 def test_half_a_solution_is_none(monkeypatch):
