@@ -12,6 +12,13 @@ class OneOf:
 
 
 @dataclass(frozen=True, slots=True)
+class EachOf:
+    """Marks a field that holds any number of members of a family."""
+
+    package: str
+
+
+@dataclass(frozen=True, slots=True)
 class Rows:
     """Marks a field that contains rows of numbers: text may name a CSV file with these columns instead."""
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from time import perf_counter_ns
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,12 +19,13 @@ from heli_twin.lab.plant import Plant, Truth
 from heli_twin.lab.radio import Held
 from heli_twin.recording import Recorder
 
+OutcomeKind = Literal["completed", "crashed", "left_volume", "diverged"]
+
 
 class Outcome(NamedTuple):
     """How a flight ended. Data, not an exception."""
 
-    kind: str
-    """`completed`, `crashed`, `left_volume` or `diverged`."""
+    kind: OutcomeKind
     time: int
     """When, ns."""
     text: str
@@ -67,7 +68,7 @@ class Flight:
         self.last_status, self.last_rejected = "", 0
 
     def run(self) -> Outcome:
-        """Fly to the end, or until the flight is over."""
+        """Fly to the end of the experiment, or until the flight is over."""
         # More threads add numbers in another order.
         with threadpool_limits(limits=1):
             return self._run()
@@ -81,7 +82,7 @@ class Flight:
             if t >= air_due:
                 air = together([d.air(truth) for d in self.surroundings])
                 self.recorder.disturbance(t, air)
-                air_due += disturbances.PERIOD
+                air_due += disturbances.PERIOD_NS
             if t >= self.mocap.due:
                 self.look(t, truth)
             if t >= control_due or t == self.end:
@@ -99,7 +100,7 @@ class Flight:
             self.plant.advance(t, held.u, air)
 
     def look(self, t: int, truth: Truth) -> None:
-        """The cameras look, and the pose is on its way unless the frame or a fault loses it."""
+        """Let the cameras look; the pose is on its way unless the frame or a fault loses it."""
         arrival = self.mocap.capture(t, truth)
         pose = arrival.pose if arrival else None
         for fault in self.experiment.faults:
@@ -108,7 +109,7 @@ class Flight:
             self.poses_under_way.append(Arrival(arrival.at, pose))
 
     def control(self, t: int) -> Command:
-        """The ground station's step: the poses that have arrived go in, a command comes out."""
+        """Run one step of the ground station: feed it the poses that have arrived and return its command."""
         arrived = sorted((a for a in self.poses_under_way if a.at <= t), key=lambda a: a.at)
         self.poses_under_way = [a for a in self.poses_under_way if a.at > t]
         for at, pose in arrived:
@@ -128,7 +129,7 @@ class Flight:
         return command
 
     def record(self, t: int, estimate: Estimate | None, command: Command, took_ns: int) -> None:
-        """Everything that crossed the ground station's wires in this step."""
+        """Record everything that crossed the wires of the ground station in this step."""
         recorder = self.recorder
         if estimate is not None:
             recorder.estimate(t, estimate)
@@ -147,7 +148,7 @@ class Flight:
         recorder.timing(t, took_ns, command.solve_ns)
 
     def judge(self, t: int, truth: Truth) -> Outcome | None:
-        """Record where the helicopter is and should be, and say whether the flight is over."""
+        """Record where the helicopter is and where it should be; return the outcome if the flight is over."""
         planned = self.planned(t, 1)
         self.recorder.reference(t, planned)
         self.recorder.truth(t, truth)
@@ -165,7 +166,7 @@ class Flight:
 
 
 def verdict(t: int, truth: Truth, planned_height: float, volume: Volume) -> Outcome | None:
-    """Whether a flight has gone wrong.
+    """Return how a flight has gone wrong; None if it has not.
 
     Args:
         t: ns.
@@ -178,7 +179,7 @@ def verdict(t: int, truth: Truth, planned_height: float, volume: Volume) -> Outc
         np.isfinite(truth.position).all() and np.isfinite(truth.quat_wxyz).all() and np.isfinite(truth.velocity).all()
     ):
         return Outcome("diverged", t, f"the simulation left the real numbers at {seconds:.2f} s")
-    if truth.touching and planned_height > FLOOR_MARGIN:
+    if truth.touching and planned_height > FLOOR_MARGIN_M:
         return Outcome("crashed", t, f"hit the floor at {seconds:.2f} s, {planned_height:.2f} m below its plan")
     x, y, z = truth.position.tolist()
     if max(abs(x), abs(y)) > volume.half_width or z > volume.height:
@@ -189,5 +190,5 @@ def verdict(t: int, truth: Truth, planned_height: float, volume: Volume) -> Outc
     return None
 
 
-FLOOR_MARGIN = 0.15
-"""A plan that is lower than this means to be on the floor, m; the skids hang about 5 cm below the centre of gravity."""
+FLOOR_MARGIN_M = 0.15
+"""A plan below this height may touch the floor; the skids hang about 5 cm below the centre of gravity."""

@@ -1,21 +1,14 @@
 """Families of interchangeable parts, found by looking at the files: a new member needs no registry."""
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
 
-from controllers.markers import OneOf
+from controllers.markers import EachOf, OneOf
 
 __all__ = ["EachOf", "OneOf", "members"]
-
-
-@dataclass(frozen=True, slots=True)
-class EachOf:
-    """Marks a field that holds at most one of each member of a family."""
-
-    package: str
 
 
 @cache

@@ -19,23 +19,23 @@ class ComputeSpec(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Modelled:
-    """The paper's solver took 5 to 7 ms, depending on the problem."""
+    """A control step takes a time drawn uniformly about a mean; the paper's solver took 5 to 7 ms."""
 
     kind: Literal["modelled"] = "modelled"
     latency: Annotated[float, Ge(0), Le(1), Unit("s"), doc("mean time from the control step to a command")] = 0.006
     spread: Annotated[float, Ge(0), Le(1), Unit("s"), doc("greatest difference from the mean, either way")] = 0.001
 
     def latency_ns(self, rng: np.random.Generator) -> int:
-        """Uniform about the mean, never negative."""
+        """A draw that is uniform about the mean and never negative."""
         return max(0, nanoseconds(self.latency + self.spread * rng.uniform(-1.0, 1.0)))
 
 
 @dataclass(frozen=True, slots=True)
-class Off:
+class NoComputeTime:
     """A command is ready the moment its control step begins."""
 
     kind: Literal["off"] = "off"
 
     def latency_ns(self, rng: np.random.Generator) -> int:
-        """None."""
+        """Zero."""
         return 0

@@ -26,7 +26,7 @@ class Mocap(Protocol):
     """When the cameras next look, ns."""
 
     def capture(self, now: int, truth: Truth) -> Arrival | None:
-        """Look at the helicopter; None where the frame is lost."""
+        """Look at the helicopter; None if the frame is lost."""
         ...
 
 
@@ -61,35 +61,35 @@ class Vicon:
 
 
 class ViconCameras:
-    """One flight's cameras; their phase against the control loop is drawn once."""
+    """The cameras of one flight; their phase against the control loop is drawn once."""
 
     def __init__(self, spec: Vicon, rng: np.random.Generator) -> None:
         self._spec, self._rng = spec, rng
         self._period = nanoseconds(1.0 / spec.rate)
-        self._keep = exp(-1.0 / (spec.rate * spec.bias_time))
-        self._stir = spec.bias * sqrt(1.0 - self._keep**2)
+        self._decay = exp(-1.0 / (spec.rate * spec.bias_time))
+        self._step_deviation = spec.bias * sqrt(1.0 - self._decay**2)
         self._bias = spec.bias * rng.standard_normal(3)
         self.due = int(rng.integers(self._period))
 
     def capture(self, now: int, truth: Truth) -> Arrival | None:
-        """A noisy pose, late, or nothing."""
+        """A noisy, delayed pose, or None if the frame is lost."""
         self.due += self._period
         spec = self._spec
         # Ten numbers a frame, lost or not: chance must not depend on what happens to the frame.
         draw = self._rng.standard_normal(10)
         lost = self._rng.random() < spec.dropout
-        self._bias = self._keep * self._bias + self._stir * draw[0:3]
+        self._bias = self._decay * self._bias + self._step_deviation * draw[0:3]
         if lost:
             return None
         position = truth.position + self._bias + spec.position_noise * draw[3:6]
-        quat_wxyz = turned(truth.quat_wxyz, spec.orientation_noise * draw[6:9])
+        quat_wxyz = rotated(truth.quat_wxyz, spec.orientation_noise * draw[6:9])
         late = max(0, nanoseconds(spec.latency + spec.jitter * draw[9]))
         return Arrival(now + late, Pose(now, position, quat_wxyz))
 
 
 @dataclass(frozen=True, slots=True)
-class Off:
-    """Camera errors off: every pose is exact; it can still be late."""
+class PerfectMocap:
+    """Motion capture without errors: every pose is exact, but it can still be late."""
 
     kind: Literal["off"] = "off"
     rate: Annotated[float, Ge(1), Le(1000), Unit("Hz"), doc("frames per second")] = 100.0
@@ -103,7 +103,7 @@ class Off:
 class ExactCameras:
     """Cameras that see the truth, in step with the control loop."""
 
-    def __init__(self, spec: Off) -> None:
+    def __init__(self, spec: PerfectMocap) -> None:
         self._period, self._latency = nanoseconds(1.0 / spec.rate), nanoseconds(spec.latency)
         self.due = 0
 
@@ -113,8 +113,8 @@ class ExactCameras:
         return Arrival(now + self._latency, Pose(now, truth.position, truth.quat_wxyz))
 
 
-def turned(quat_wxyz: Array, small_angle: Array) -> Array:
-    """An attitude (4,) turned by a small body-frame rotation vector (3,), rad."""
+def rotated(quat_wxyz: Array, small_angle: Array) -> Array:
+    """Rotate an attitude (4,) by a small body-frame rotation vector (3,), rad."""
     w, x, y, z = quat_wxyz.tolist()
     a, b, c = (0.5 * small_angle).tolist()
     q = (w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a)

@@ -8,12 +8,12 @@ from annotated_types import Ge, Le, Unit, doc
 
 from controllers.signals import Array, Command, nanoseconds
 
-NEVER = 1 << 62
-"""A time that no flight reaches, ns."""
+NEVER_NS = 1 << 62
+"""A time that no flight reaches."""
 
 
 class Held(NamedTuple):
-    """What the receiver holds from now on."""
+    """The command that the receiver holds from now on."""
 
     stamp: int
     """When the ground station decided it, ns; -1 for the trim it started with."""
@@ -25,14 +25,14 @@ class Radio(Protocol):
     """A radio link in flight."""
 
     due: int
-    """When the receiver next takes something over, ns."""
+    """When the receiver can next take over a command, ns."""
 
     def send(self, at: int, command: Command) -> None:
-        """Hand over a command that is ready at `at` (ns)."""
+        """Hand a command over to the transmitter; it is ready at `at` (ns)."""
         ...
 
     def receive(self, now: int) -> Held | None:
-        """What has come through until `now` (ns), if anything."""
+        """Return the newest command that has arrived until `now` (ns); None if there is none."""
         ...
 
 
@@ -46,7 +46,7 @@ class RadioSpec(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Dsm2:
-    """A DSM2-like link: a frame takes the newest command, quantised; a lost frame leaves the last one in force.
+    """A DSM2-like link: each frame carries the newest command, quantised; a lost frame leaves the last one in force.
 
     Frames and control steps are not synchronised: a command waits up to a frame, and now and then one is
     overwritten before it is sent. Defaults: Spektrum DM module at 22 ms and 10 bit, counts 170-852.
@@ -64,7 +64,7 @@ class Dsm2:
 
 
 class Dsm2Link:
-    """One flight's link; the phase of its frames is drawn once."""
+    """The link of one flight; the phase of its frames is drawn once."""
 
     def __init__(self, spec: Dsm2, rng: np.random.Generator) -> None:
         self._spec, self._rng = spec, rng
@@ -87,7 +87,7 @@ class Dsm2Link:
             lost = self._rng.random() < self._spec.loss
             if ready and not lost:
                 held = self._waiting[ready[-1]][1]
-                # Older ones go too, ready or not: a late command must not replace a newer one.
+                # Older commands are dropped too, ready or not: a late command must not replace a newer one.
                 del self._waiting[: ready[-1] + 1]
             self._frame += self._period
             self.due = self._frame + self._latency
@@ -95,7 +95,7 @@ class Dsm2Link:
 
 
 @dataclass(frozen=True, slots=True)
-class Off:
+class NoRadio:
     """No radio: a command acts, unquantised, as soon as it is ready."""
 
     kind: Literal["off"] = "off"
@@ -110,7 +110,7 @@ class Wire:
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, Held]] = []
-        self.due = NEVER
+        self.due = NEVER_NS
 
     def send(self, at: int, command: Command) -> None:
         """Let the command act at `at`."""
@@ -122,5 +122,5 @@ class Wire:
         held = None
         while self.due <= now:
             held = self._waiting.pop(0)[1]
-            self.due = self._waiting[0][0] if self._waiting else NEVER
+            self.due = self._waiting[0][0] if self._waiting else NEVER_NS
         return held

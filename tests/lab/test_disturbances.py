@@ -28,7 +28,7 @@ def airs(spec, count=50, seed=0, u=(0.2, -0.1, 0.55, 0.05)):
     for k in range(1, count + 1):
         air = member.air(plant.truth())
         found.append(air)
-        plant.advance(k * disturbances.PERIOD, np.array(u), air)
+        plant.advance(k * disturbances.PERIOD_NS, np.array(u), air)
     return found
 
 
@@ -134,4 +134,4 @@ def test_together_winds_and_pushes_add_up_and_factors_multiply():
 
 def test_updates_are_as_often_as_the_default_control_period():
     """A gust that changed within a control period would be smoothed by nobody and seen by nobody."""
-    assert round(LtvMpc().period * 1e9) == disturbances.PERIOD
+    assert round(LtvMpc().period * 1e9) == disturbances.PERIOD_NS

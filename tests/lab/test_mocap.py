@@ -8,7 +8,7 @@ from scipy.stats import binom, chi2, norm
 
 from controllers.estimators.kalman import heading
 from heli_twin.experiment.families import members
-from heli_twin.lab.mocap import Off, Vicon, turned
+from heli_twin.lab.mocap import PerfectMocap, Vicon, rotated
 from heli_twin.lab.plant.ideal import Ideal
 
 MS = 1_000_000
@@ -45,7 +45,7 @@ def test_every_mocap_looks_at_its_rate_and_stamps_what_it_saw(kind):
 
 
 def test_off_sees_the_truth():
-    cameras = Off(latency=0.04).start(np.random.default_rng(0))
+    cameras = PerfectMocap(latency=0.04).start(np.random.default_rng(0))
     arrival = cameras.capture(0, TRUTH)
     assert arrival.at == 40 * MS
     np.testing.assert_array_equal(arrival.pose.position, TRUTH.position)
@@ -129,7 +129,7 @@ def test_phases_differ_from_flight_to_flight():
 @given(st.floats(-3.1, 3.1), st.floats(-0.1, 0.1))
 def test_a_turn_about_the_mast_turns_the_heading(yaw, angle):
     level = np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)])
-    quat = turned(level, np.array([0, 0, angle]))
+    quat = rotated(level, np.array([0, 0, angle]))
     assert np.linalg.norm(quat) == pytest.approx(1.0, abs=1e-15)
     off = (heading(quat) - yaw - angle + np.pi) % (2 * np.pi) - np.pi
     # The small angle's own error: angle^3 / 12.

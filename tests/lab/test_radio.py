@@ -6,7 +6,7 @@ from scipy.stats import binom
 
 from controllers.signals import Command
 from heli_twin.experiment.families import members
-from heli_twin.lab.radio import NEVER, Dsm2, Off
+from heli_twin.lab.radio import NEVER_NS, Dsm2, NoRadio
 
 MS = 1_000_000
 U = np.array([0.1, -0.2, 0.545, 0.03])
@@ -146,8 +146,8 @@ def test_losses_do_not_depend_on_what_is_sent():
 
 @given(st.lists(st.integers(0, 50), min_size=1, max_size=10))
 def test_no_radio_is_a_wire(waits):
-    wire = Off().start(np.random.default_rng(0))
-    assert wire.due == NEVER
+    wire = NoRadio().start(np.random.default_rng(0))
+    assert wire.due == NEVER_NS
     at = 0
     for k, wait in enumerate(waits):
         at += wait * MS
@@ -156,12 +156,12 @@ def test_no_radio_is_a_wire(waits):
     received = wire.receive(at)
     assert received.stamp == len(waits) - 1
     np.testing.assert_array_equal(received.u, U)
-    assert wire.due == NEVER
+    assert wire.due == NEVER_NS
     assert wire.receive(at + MS) is None
 
 
 def test_a_wire_waits_until_the_command_is_ready():
-    wire = Off().start(np.random.default_rng(0))
+    wire = NoRadio().start(np.random.default_rng(0))
     wire.send(7 * MS, command(0))
     assert wire.due == 7 * MS
     assert wire.receive(7 * MS - 1) is None

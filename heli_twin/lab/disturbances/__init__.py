@@ -1,6 +1,6 @@
-"""What the surroundings do. One file here is one disturbance; it is found by its `kind` and needs no registry.
+"""Disturbances: what the surroundings do. One file is one disturbance; it is found by its `kind`, without a registry.
 
-All are asked at the same fixed times, `PERIOD` apart, whatever the controller does: shared random numbers.
+All are evaluated at the same fixed times, `PERIOD_NS` apart, so that two controllers meet the same random numbers.
 """
 
 from collections.abc import Sequence
@@ -10,15 +10,15 @@ import numpy as np
 
 from heli_twin.lab.plant import Air, Truth
 
-PERIOD = 20_000_000
-"""Time between two updates, ns."""
+PERIOD_NS = 20_000_000
+"""Time between two updates."""
 
 
 class Disturbance(Protocol):
     """A disturbance in flight."""
 
     def air(self, truth: Truth) -> Air:
-        """Its share of the next `PERIOD`."""
+        """Return its contribution to the air of the next `PERIOD_NS`."""
         ...
 
 
@@ -35,9 +35,9 @@ class DisturbanceSpec(Protocol):
         ...
 
 
-def together(shares: Sequence[Air]) -> Air:
-    """All shares at once: winds and pushes add up, thrust factors multiply."""
+def together(parts: Sequence[Air]) -> Air:
+    """Combine all contributions: winds and pushes are added, thrust factors multiplied."""
     wind, push, factor = np.zeros(3), np.zeros(3), 1.0
-    for share in shares:
-        wind, push, factor = wind + share.wind, push + share.acceleration, factor * share.thrust_factor
+    for part in parts:
+        wind, push, factor = wind + part.wind, push + part.acceleration, factor * part.thrust_factor
     return Air(wind, push, factor)

@@ -19,9 +19,9 @@ class Bias:
     z: Annotated[float, Unit("m/s^2"), doc("push upwards")] = 0.0
 
     def start(self, rng: np.random.Generator) -> "Bias":
-        """It does not change in flight."""
+        """Return itself: a constant has no state."""
         return self
 
     def air(self, truth: Truth) -> Air:
-        """The same push at all times."""
+        """Return the same push at all times."""
         return Air(np.zeros(3), np.array([self.x, self.y, self.z]))

@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Unit, doc
 
 from controllers.signals import Array
-from heli_twin.lab.disturbances import PERIOD
+from heli_twin.lab.disturbances import PERIOD_NS
 from heli_twin.lab.plant import Air, Truth
 
 
@@ -25,20 +25,20 @@ class Gust:
     time: Annotated[float, Gt(0), Unit("s"), doc("time in which the wind changes")] = 0.7
 
     def start(self, rng: np.random.Generator) -> "GustInFlight":
-        """Wind for one flight."""
+        """Start the wind of one flight."""
         return GustInFlight(self, rng)
 
 
 class GustInFlight:
-    """One flight's wind."""
+    """The wind of one flight."""
 
     def __init__(self, spec: Gust, rng: np.random.Generator) -> None:
         self._rng = rng
-        self._keep = exp(-1e-9 * PERIOD / spec.time)
-        self._stir = spec.strength * sqrt(1.0 - self._keep**2)
+        self._decay = exp(-1e-9 * PERIOD_NS / spec.time)
+        self._step_deviation = spec.strength * sqrt(1.0 - self._decay**2)
         self._wind: Array = spec.strength * rng.standard_normal(2)
 
     def air(self, truth: Truth) -> Air:
-        """The wind of the next period."""
-        self._wind = self._keep * self._wind + self._stir * self._rng.standard_normal(2)
+        """Return the wind of the next period."""
+        self._wind = self._decay * self._wind + self._step_deviation * self._rng.standard_normal(2)
         return Air(np.array([*self._wind, 0.0]), np.zeros(3))

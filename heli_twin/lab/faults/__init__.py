@@ -1,4 +1,4 @@
-"""What breaks. One file here is one fault; it is found by its `kind` and needs no registry."""
+"""Faults: what breaks. One file is one fault; it is found by its `kind`, without a registry."""
 
 from typing import Protocol
 
@@ -14,5 +14,5 @@ class Fault(Protocol):
         ...
 
     def pose(self, pose: Pose) -> Pose | None:
-        """What becomes of a pose on its way to the ground station; None where it is lost."""
+        """Change a pose on its way to the ground station; None if it is lost."""
         ...

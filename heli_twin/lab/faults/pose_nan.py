@@ -1,4 +1,4 @@
-"""The tracker loses its rigid body and says so with numbers that are none."""
+"""The tracker loses its rigid body and reports NaN."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -18,6 +18,6 @@ class PoseNan:
     duration: Annotated[float, Ge(0), Unit("s"), doc("how long the poses are bad")] = 0.1
 
     def pose(self, pose: Pose) -> Pose | None:
-        """Not a number in the fault, untouched else."""
+        """Return NaN during the fault, the pose itself otherwise."""
         bad = self.start <= 1e-9 * pose.stamp < self.start + self.duration
         return Pose(pose.stamp, np.full(3, np.nan), np.full(4, np.nan)) if bad else pose

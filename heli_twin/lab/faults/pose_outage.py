@@ -17,5 +17,5 @@ class PoseOutage:
     duration: Annotated[float, Ge(0), Unit("s"), doc("how long the helicopter is out of sight")] = 0.3
 
     def pose(self, pose: Pose) -> Pose | None:
-        """Lost in the outage, untouched else."""
+        """Return None during the outage, the pose itself otherwise."""
         return None if self.start <= 1e-9 * pose.stamp < self.start + self.duration else pose

@@ -1,4 +1,4 @@
-"""The helicopter as it is: what every plant gives and takes. One file here is one kind of plant."""
+"""The helicopter as it is: the interface of every plant. One file here is one kind of plant."""
 
 from typing import NamedTuple, Protocol
 
@@ -8,7 +8,7 @@ from controllers.signals import Array
 
 
 class Truth(NamedTuple):
-    """What the helicopter really does. Only the lab sees it."""
+    """The true state of the helicopter. Only the lab sees it."""
 
     stamp: int
     """ns."""
@@ -48,7 +48,7 @@ class Plant(Protocol):
     """A flying helicopter. It is made by its spec's `start(x)` at rest in its trim and dies with the flight."""
 
     def truth(self) -> Truth:
-        """What it does now; the arrays are the caller's to keep."""
+        """Return its state now; the arrays are copies that the caller may keep."""
         ...
 
     def advance(self, until: int, u: Array, air: Air) -> None:
@@ -56,12 +56,12 @@ class Plant(Protocol):
         ...
 
     def description(self) -> str:
-        """What was simulated, as text to keep with the log (the compiled MJCF; empty if there is none)."""
+        """Return the simulated model as text to keep with the log (the compiled MJCF; empty if there is none)."""
         ...
 
 
 class PlantSpec(Protocol):
-    """How the helicopter is. A frozen dataclass with a literal `kind`."""
+    """The helicopter as a value. A frozen dataclass with a literal `kind`."""
 
     @property
     def step(self) -> float:

@@ -1,4 +1,4 @@
-"""The paper's model as a plant: what flies is what the controller believes, unless the two parameter sets differ."""
+"""The paper's model as a plant: it flies exactly as the controller believes, unless the two parameter sets differ."""
 
 from dataclasses import dataclass, field
 from math import cos, sin
@@ -16,8 +16,8 @@ from heli_twin.lab.plant import Air, Truth
 class Ideal:
     """The helicopter of (1): no attitude, no lag, no delay, always level.
 
-    Its `model` is its own copy: a mismatch is that it differs from the controller's. Of the limits none applies here,
-    only the sticks' travel; (29) is what the controller allows itself.
+    Its `model` is its own copy: a mismatch means that it differs from the controller's. Only the travel of the sticks
+    limits the inputs here; the limits (29) are those of the controller.
 
     Source: Kunz, Huck, Summers, ECC 2013, (1).
     """
@@ -57,7 +57,7 @@ class IdealHelicopter:
         self._u: Input = spec.model.u_hover
 
     def truth(self) -> Truth:
-        """What it does now; `touching` reports the floor at height 0, which does not hold this helicopter."""
+        """Return its state now; `touching` reports the floor at height 0, which does not stop this helicopter."""
         px, py, pz, yaw, vx, vy, vz, r = self._x
         c, s = cos(yaw), sin(yaw)
         return Truth(
@@ -73,9 +73,9 @@ class IdealHelicopter:
         )
 
     def advance(self, until: int, u: Array, air: Air) -> None:
-        """Fly on to `until` (ns) with the input (4,) held; the sticks' travel clips it.
+        """Fly on to `until` (ns) with the input (4,) held; it is clipped to the travel of the sticks.
 
-        Every step is integrated by itself, so that a flight in pieces is the flight at once, to the last digit.
+        Every step is integrated separately, so that a flight in pieces equals the whole flight to the last digit.
 
         Raises:
             ValueError: `until` is in the past or not on a step, or the input is not finite.

@@ -1,4 +1,4 @@
-"""The twin: the helicopter with everything the paper's model leaves out, simulated by MuJoCo. The engine's one door.
+"""The twin: the helicopter with what the paper's model leaves out, simulated by MuJoCo, which is imported only here.
 
 At hover thrust and steady tilt it reduces exactly to the paper's (1) with (27); on the way there it has attitude,
 servo, thrust and yaw lag, a receiver's delay, a floor, and a weight of its own. With t the pitch angle, roll mirrored:
@@ -76,7 +76,7 @@ class MuJoCo:
     step: Annotated[float, Ge(1e-5), Le(0.005), Unit("s"), doc("length of one physics step")] = 0.001
 
     def __post_init__(self) -> None:
-        """Refuse what the engine cannot simulate.
+        """Refuse parameters that the engine cannot simulate.
 
         Raises:
             ValueError: The step is no whole number of nanoseconds or too long for the attitude, or the inertias are
@@ -142,7 +142,7 @@ class Twin:
         c, s = cos(yaw), sin(yaw)
         data.qpos[:4] = px, py, pz, yaw
         data.qvel[:4] = c * vx - s * vy, s * vx + c * vy, vz, yaw_rate
-        # Rotors, servos and what is still on its way through the receiver: all at trim, or it would drop at once.
+        # Rotors, servos and the inputs in the receiver's delay start at trim, or the helicopter would drop at once.
         data.act[:] = spec.trim
         data.ctrl[:4] = spec.trim
         if spec.delay_steps:
@@ -156,7 +156,7 @@ class Twin:
             )
 
     def truth(self) -> Truth:
-        """What it does now, from the joints themselves: the engine's sensors would be one step old.
+        """Return its state now, read from the joints: the engine's sensors would be one step old.
 
         `touching` alone is as of the start of the newest step.
         """
@@ -178,7 +178,7 @@ class Twin:
         )
 
     def advance(self, until: int, u: Array, air: Air) -> None:
-        """Fly on to `until` (ns) with the input (4,) held; the sticks' travel clips it.
+        """Fly on to `until` (ns) with the input (4,) held; it is clipped to the travel of the sticks.
 
         Wind acts through drag, `air.acceleration` as a force at the centre of gravity, `air.thrust_factor` on the
         thrust at once.
@@ -203,13 +203,13 @@ class Twin:
         self._steps = target
 
     def description(self) -> str:
-        """The MJCF that was simulated, visuals included."""
+        """Return the simulated MJCF, visuals included."""
         return _mjcf(self._spec)
 
 
 @lru_cache(maxsize=64)
 def _mjcf(p: MuJoCo) -> str:
-    """Kept, for it takes 10 ms, and a study flies a helicopter more than once."""
+    """Cached: it takes 10 ms, and a study flies a helicopter more than once."""
     spec = edited(p, visuals=True)
     spec.compile()
     return spec.to_xml()
