@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_info
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.past import PHYSICS_VERSION, UNRECORDED_VERSION
 from heli_twin.experiment.tree import ExperimentError, canonical_json, from_json, toml_of
 from heli_twin.recording import Attachment, Log, Recorder, read_log
 from heli_twin.recording.writer import Listener
@@ -24,6 +25,8 @@ PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "p
 """Their versions stand in every log."""
 ORIGIN = "origin"
 """Metadata that says what wrote a log that is no flight of the twin: `import` or `resolve`."""
+PHYSICS = "physics"
+"""Metadata that says the physics version of the flight."""
 PATH_POINTS = 600
 """Points of the drawn reference path at most."""
 
@@ -32,6 +35,7 @@ def provenance() -> dict[str, str]:
     """Where and with what a flight was flown; none of it determines the flight."""
     found = {
         "started": datetime.now(UTC).isoformat(),
+        PHYSICS: str(PHYSICS_VERSION),
         "python": platform.python_version(),
         "platform": platform.platform(),
     }
@@ -143,6 +147,29 @@ def flown_experiment(log: Log) -> Experiment:
         return from_json(log.experiment)
     except ExperimentError as error:
         raise ExperimentError(f"the log's experiment is none of this version of heli_twin: {error}") from None
+
+
+def physics_version(log: Log) -> int:
+    """The physics version that a log was flown with; 3 for a log that does not say it.
+
+    Raises:
+        HeliTwinError: It is not a version.
+    """
+    version = log.metadata.get(PHYSICS, str(UNRECORDED_VERSION))
+    if not (version.isascii() and version.isdecimal() and len(version) < 5):
+        raise HeliTwinError(f"the log says physics = {version[:20]!r}, which is not a version of the physics")
+    return int(version)
+
+
+def physics_notice(log: Log) -> str:
+    """A sentence for a log of another physics version, to print before it is flown again; empty for one of today's."""
+    version = physics_version(log)
+    if version == PHYSICS_VERSION:
+        return ""
+    return (
+        f"the log was flown with physics version {version}, this is version {PHYSICS_VERSION}: the same experiment"
+        " flies differently, so the flights need not be identical"
+    )
 
 
 def is_recovered(log: Log) -> bool:

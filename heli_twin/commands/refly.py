@@ -43,11 +43,13 @@ def run(parsed: Namespace) -> int:
     from rich.progress import Progress
 
     from heli_twin.experiment.text import changed
-    from heli_twin.logbook import flown_experiment, opened
+    from heli_twin.logbook import flown_experiment, opened, physics_notice
     from heli_twin.reanalysis.refly import refly
 
     log = opened(parsed.log)
     flown = flown_experiment(log)
+    if notice := physics_notice(log):
+        print(notice)
     differs = changed(flown, parsed.overrides) != flown
     log_dir = None if parsed.no_log else parsed.log_dir or (Path("logs") if differs else None)
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
@@ -65,7 +67,7 @@ def run(parsed: Namespace) -> int:
 
 def judge(again: "Refly") -> None:
     """Print whether the second flight is the first."""
-    from heli_twin.logbook import is_recovered
+    from heli_twin.logbook import is_recovered, physics_notice
     from heli_twin.reanalysis.refly import HEADING, POSITION
 
     log, result = again.logged, again.result
@@ -89,7 +91,7 @@ def judge(again: "Refly") -> None:
         )
     for key, (then, now) in again.platforms.items():
         print(f"  {plain(key)}: logged {plain(then) or 'none'}, now {plain(now) or 'none'}")
-    if again.difference is not None and not again.platforms:
+    if again.difference is not None and not again.platforms and not physics_notice(log):
         host = ", ".join(plain(log.metadata.get(key, "unknown")) for key in ("cpu", "platform", "git_commit"))
         print(
             f"  host and build are the same as far as the log tells ({host}): the log was changed, the program since"

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import load, presets
-from heli_twin.experiment.tree import Tree, canonical_json, tree_of
+from heli_twin.experiment.tree import Tree, parsed, tree_of
 from heli_twin.pasteable import pasteable
 
 
@@ -56,7 +56,7 @@ def differences(a: Experiment, b: Experiment) -> list[tuple[str, str, str]]:
 
     Of a part that is of another kind only the kind is told; its fields have nothing in common.
     """
-    found: list[tuple[str, str, str]] = []
+    changed: list[tuple[str, str, str]] = []
     replaced: tuple[str, ...] = ()
     for path, of_a, of_b, is_member in changes(tree_of(a), tree_of(b)):
         if path.startswith(replaced):
@@ -64,8 +64,8 @@ def differences(a: Experiment, b: Experiment) -> list[tuple[str, str, str]]:
         if is_member:
             replaced += (f"{path}.",)
         text = str if is_member else _short
-        found.append((path, text(of_a), text(of_b)))
-    return found
+        changed.append((path, text(of_a), text(of_b)))
+    return changed
 
 
 def fly_command(experiment: str) -> str:
@@ -79,7 +79,7 @@ def fly_command(experiment: str) -> str:
 
 def fly_words(experiment: str) -> list[str]:
     """The arguments of `fly_command`: a preset other than the lab, and the changes of fields."""
-    tree = json.loads(experiment)
+    tree = parsed(experiment)
     candidates = [
         [name] * (name != "lab") + [f"{change.path}={_text(change.after)}" for change in changes(base, tree)]
         for name, base in _bases().items()
@@ -89,12 +89,12 @@ def fly_words(experiment: str) -> list[str]:
 
 @cache
 def _bases() -> dict[str, Tree]:
-    return {name: json.loads(canonical_json(load(name))) for name in presets()}
+    return {name: tree_of(load(name)) for name in presets()}
 
 
 def _defaults(path: str, kind: str) -> Tree:
     """A part of a kind as `heli-twin fly path=kind` has it."""
-    tree = json.loads(canonical_json(load(None, [f"{path}={kind}"])))
+    tree = tree_of(load(None, [f"{path}={kind}"]))
     for key in path.split("."):
         tree = tree[key]
     return tree

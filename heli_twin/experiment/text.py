@@ -14,7 +14,9 @@ from typing import Any
 
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import EachOf, OneOf, members
-from heli_twin.experiment.tree import ExperimentError, Tree, experiment_of, instead, parts, table_of, tree_of
+from heli_twin.experiment.fields import fields_of
+from heli_twin.experiment.past import PHYSICS_VERSION, restore_past
+from heli_twin.experiment.tree import ExperimentError, Tree, experiment_of, instead, table_of, tree_of
 
 
 def presets() -> dict[str, Path]:
@@ -34,8 +36,11 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Experiment
         ExperimentError: One sentence that says what is wrong and what would be right.
     """
     tree = tree_of(Experiment())
-    for path, value in _leaves(_read(source or "lab")):
+    table, version = _read(source or "lab")
+    leaves = dict(_leaves(table))
+    for path, value in leaves.items():
         put(tree, path, value)
+    restore_past(Experiment, tree, version, leaves)
     return _changed(tree, overrides)
 
 
@@ -49,8 +54,9 @@ def changed(experiment: Experiment, overrides: Iterable[str]) -> Experiment:
 
 
 def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
-    for path, value in sorted(map(_override, overrides), key=lambda change: not _names_a_kind(*change)):
+    for path, value, version in sorted(map(_override, overrides), key=lambda change: not _names_a_kind(*change[:2])):
         put(tree, path, value)
+        restore_past(Experiment, tree, version, dict(_leaves({path: value})), under=path)
     return experiment_of(tree)
 
 
@@ -58,19 +64,27 @@ def _names_a_kind(path: str, value: Any) -> bool:
     return path.endswith(".kind") or ("." not in path and isinstance(value, str | dict))
 
 
-def _read(source: str) -> Tree:
+def _read(source: str) -> tuple[Tree, int]:
+    """The tables of a preset or a TOML file, and the physics version that they were written for."""
     known = presets()
     path = known.get(source, Path(source))
     if source not in known and path.suffix != ".toml":
         raise ExperimentError(f"unknown preset {instead(source, known)}; a file of your own ends in .toml")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ExperimentError(f"cannot read {path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ExperimentError(f"cannot read {path}: it is not UTF-8 text") from None
     except _NOT_TOML as error:
         raise ExperimentError(f"{path} is not valid TOML: {error}") from None
+    version = tree.pop("physics", PHYSICS_VERSION)
+    if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
+        raise ExperimentError(
+            f"{path} has physics = {version!r}: this heli_twin knows the versions 1 to {PHYSICS_VERSION}; update it,"
+            " or remove the line to read the file with today's defaults"
+        )
+    return tree, version
 
 
 _NOT_TOML = (ValueError, RecursionError)
@@ -86,26 +100,44 @@ def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
             yield f"{path}{key}", value
 
 
-def _override(text: str) -> tuple[str, Any]:
-    path, equals, value = text.partition("=")
-    if not equals or not path.strip():
-        raise ExperimentError(f"'{text}' is not an override: write path.to.field=value, such as plant.mass=0.03")
-    if value.strip().endswith(".toml"):
-        return path.strip(), _table_in(value.strip(), path.strip())
+def assignment(text: str, example: str = "path.to.field=value, such as plant.mass=0.03") -> tuple[str, Any]:
+    """A change as a person writes it, `path.to.field=value`: its dotted path and its value.
+
+    The value is read as TOML; what is not TOML is text, so that names need no quotes.
+
+    Args:
+        text: The change.
+        example: How to write one, for the error.
+
+    Raises:
+        ExperimentError: There is no `=`, or nothing before it.
+    """
+    path, equals, value = (word.strip() for word in text.partition("="))
+    if not equals or not path:
+        raise ExperimentError(f"'{text}' is not an override: write {example}")
     try:
-        return path.strip(), tomllib.loads(f"v = {value}")["v"]
+        return path, tomllib.loads(f"v = {value}")["v"]
     except _NOT_TOML:
-        return path.strip(), value.strip()
+        return path, value
 
 
-def _table_in(file: str, path: str) -> Tree:
-    """The table that stands at a dotted path in a TOML file."""
-    table: Any = _read(file)
+def _override(text: str) -> tuple[str, Any, int]:
+    """A change with the physics version that it was written for; a part may stand in a TOML file, `part=FILE.toml`."""
+    path, value = assignment(text)
+    if isinstance(value, str) and value.endswith(".toml"):
+        return path, *_table_in(value, path)
+    return path, value, PHYSICS_VERSION
+
+
+def _table_in(file: str, path: str) -> tuple[Tree, int]:
+    """The table that stands at a dotted path in a TOML file, and the file's physics version."""
+    tree, version = _read(file)
+    table: Any = tree
     for key in path.split("."):
         table = table.get(key) if isinstance(table, dict) else None
     if not isinstance(table, dict):
         raise ExperimentError(f"{file} has no table [{path}]")
-    return table
+    return table, version
 
 
 def put(tree: Tree, path: str, value: Any) -> None:
@@ -123,18 +155,18 @@ def put(tree: Tree, path: str, value: Any) -> None:
 
 def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None:
     key, *rest = keys
-    known = parts(spec)
+    known = fields_of(spec)
     if key not in known:
         table = path.split(".")[: -len(rest) - 1]
         raise ExperimentError(
             f"unknown field {instead('.'.join([*table, key]), ['.'.join([*table, k]) for k in known])}"
         )
-    part = known[key]
-    match part.family:
+    info = known[key]
+    match info.family:
         case EachOf():
-            _put_each(node[key], part.family, rest, value, path)
+            _put_each(node[key], info.family, rest, value, path)
         case OneOf():
-            kinds = members(part.family.package)
+            kinds = members(info.family.package)
             if rest == ["kind"] or (not rest and isinstance(value, str)):
                 if not isinstance(value, str) or value not in kinds:
                     raise ExperimentError(f"unknown {key} {instead(value, kinds)}")
@@ -144,16 +176,16 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 _put(node[key], kinds[node[key]["kind"]], rest, value, path)
             else:
                 raise ExperimentError(f"{path} = {value!r} names no {key}. Available: {', '.join(kinds)}")
-        case None if isinstance(part.type, type) and is_dataclass(part.type):
+        case None if isinstance(info.type, type) and is_dataclass(info.type):
             if not rest:
-                raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(parts(part.type))}")
-            _put(node[key], part.type, rest, value, path)
+                raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(fields_of(info.type))}")
+            _put(node[key], info.type, rest, value, path)
         case None:
             if rest:
                 raise ExperimentError(
                     f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{rest[0]}'"
                 )
-            node[key] = _rows(value, part.columns, path) if part.columns and isinstance(value, str) else value
+            node[key] = _rows(value, info.columns, path) if info.columns and isinstance(value, str) else value
 
 
 def _rows(file: str, columns: tuple[str, ...], path: str) -> list[list[float]]:
@@ -194,5 +226,5 @@ def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str
         node.setdefault(kind, table_of(kinds[kind]()))
     else:
         raise ExperimentError(
-            f"{path} = {value!r}: write on, off, or one of its fields: {', '.join(parts(kinds[kind]))}"
+            f"{path} = {value!r}: write on, off, or one of its fields: {', '.join(fields_of(kinds[kind]))}"
         )

@@ -8,56 +8,20 @@ import json
 import math
 import reprlib
 from collections.abc import Iterable, Iterator
-from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
-from functools import cache
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, get_args
 
-from annotated_types import DocInfo, Unit
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from controllers.markers import Rows
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import EachOf, OneOf, members
-
-Tree = dict[str, Any]
+from heli_twin.experiment.families import EachOf, members
+from heli_twin.experiment.fields import FieldInfo, fields_of
+from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past
 
 
 class ExperimentError(HeliTwinError):
     """An experiment that cannot be flown as it was written."""
-
-
-class Part(NamedTuple):
-    """One field of a spec, as its annotation describes it."""
-
-    type: Any
-    """Without its bounds."""
-    adapter: TypeAdapter[Any] | None
-    """Validates a plain value; None for a table."""
-    family: OneOf | EachOf | None
-    unit: str
-    """Empty for a value without one."""
-    doc: str
-    columns: tuple[str, ...] = ()
-    """Of the CSV file that may stand for it; empty for a value that is no table of rows."""
-
-
-@cache
-def parts(spec: type) -> dict[str, Part]:
-    """The fields of a spec by name."""
-    hints = get_type_hints(spec, include_extras=True)
-    return {f.name: _part(hints[f.name]) for f in fields(spec)}
-
-
-def _part(hint: Any) -> Part:
-    bare, *extras = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-    family = next((e for e in extras if isinstance(e, OneOf | EachOf)), None)
-    unit = next((e.unit for e in extras if isinstance(e, Unit)), "")
-    text = next((e.documentation for e in extras if isinstance(e, DocInfo)), "")
-    plain = family is None and not is_dataclass(bare)
-    columns = next((e.columns for e in extras if isinstance(e, Rows)), ())
-    return Part(bare, TypeAdapter(hint) if plain else None, family, unit, text, columns)
 
 
 def instead(wrong: Any, known: Iterable[str]) -> str:
@@ -75,11 +39,11 @@ def tree_of(experiment: Experiment) -> Tree:
 def table_of(spec: Any) -> Tree:
     """A spec as nested tables of plain values."""
     table: Tree = {}
-    for name, part in parts(type(spec)).items():
+    for name, info in fields_of(type(spec)).items():
         value = getattr(spec, name)
-        if isinstance(part.family, EachOf):
+        if isinstance(info.family, EachOf):
             table[name] = {member.kind: table_of(member) for member in value}
-        elif part.adapter is None:
+        elif info.adapter is None:
             table[name] = table_of(value)
         else:
             table[name] = _listed(value)
@@ -111,27 +75,27 @@ def spec_of(spec: type, tree: Any) -> Any:
 def _spec(spec: type, tree: Any, here: str) -> Any:
     if not isinstance(tree, dict):
         raise ExperimentError(f"{here[:-1]} = {tree!r} is not a table")
-    known = parts(spec)
+    known = fields_of(spec)
     unknown = next((key for key in tree if key not in known), None)
     if unknown is not None:
         raise ExperimentError(f"unknown field {instead(here + unknown, [here + k for k in known])}")
     values = {}
     for name, value in tree.items():
-        part, path = known[name], here + name
-        if part.adapter is not None:
-            values[name] = _value(part, value, path, spec)
+        info, path = known[name], here + name
+        if info.adapter is not None:
+            values[name] = _value(info, value, path, spec)
             continue
         if not isinstance(value, dict):
             raise ExperimentError(f"{path} = {value!r} is not a table")
-        if part.family is None:
-            values[name] = _spec(part.type, value, f"{path}.")
+        if info.family is None:
+            values[name] = _spec(info.type, value, f"{path}.")
             continue
-        kinds = members(part.family.package)
-        tables = value if isinstance(part.family, EachOf) else {str(value.get("kind")): value}
+        kinds = members(info.family.package)
+        tables = value if isinstance(info.family, EachOf) else {str(value.get("kind")): value}
         for kind in tables:
             if kind not in kinds:
                 raise ExperimentError(f"unknown {name} {instead(kind, kinds)}")
-        each = isinstance(part.family, EachOf)
+        each = isinstance(info.family, EachOf)
         specs = tuple(
             _spec(kinds[kind], table, f"{path}.{kind}." if each else f"{path}.")
             for kind, table in sorted(tables.items())
@@ -143,23 +107,23 @@ def _spec(spec: type, tree: Any, here: str) -> Any:
         raise ExperimentError(f"{here}{error}") from None
 
 
-def _value(part: Part, value: Any, path: str, spec: type) -> Any:
-    assert part.adapter is not None
+def _value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
+    assert info.adapter is not None
     if any(isinstance(v, float) and not math.isfinite(v) for v in _leaves_of(value)):
-        raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a finite number; {_default(part, spec, path)}")
+        raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a finite number; {_default(info, spec, path)}")
     try:
-        return part.adapter.validate_json(json.dumps(value, default=str), strict=True)
+        return info.adapter.validate_json(json.dumps(value, default=str), strict=True)
     except ValidationError as errors:
         error = errors.errors()[0]
         where = path + "".join(f"[{i}]" for i in error["loc"])
         message = error["msg"][:1].lower() + error["msg"][1:]
         if error["type"] == "literal_error":
-            options = [str(option) for option in get_args(part.type)]
+            options = [str(option) for option in get_args(info.type)]
             raise ExperimentError(f"{path} = {instead(value, options)}") from None
-        unit = f" {part.unit}" if part.unit and "ctx" in error else ""
+        unit = f" {info.unit}" if info.unit and "ctx" in error else ""
         message = message.replace("input should be", "it must be") + unit
         raise ExperimentError(
-            f"{where} = {reprlib.repr(error['input'])}: {message}; {_default(part, spec, path)}"
+            f"{where} = {reprlib.repr(error['input'])}: {message}; {_default(info, spec, path)}"
         ) from None
 
 
@@ -171,51 +135,64 @@ def _leaves_of(value: Any) -> Iterator[Any]:
         yield value
 
 
-def _default(part: Part, spec: type, path: str) -> str:
-    if part.columns:
-        return f"each row is {', '.join(part.columns)}"
+def _default(info: FieldInfo, spec: type, path: str) -> str:
+    if info.columns:
+        return f"each row is {', '.join(info.columns)}"
     value = getattr(spec(), path.split(".")[-1])
-    return f"the default is {json.dumps(value)} {part.unit}".rstrip()
+    return f"the default is {json.dumps(value)} {info.unit}".rstrip()
 
 
 def canonical_json(experiment: Experiment) -> str:
-    """The one text of an experiment, for logs, digests and ids."""
-    return json.dumps(tree_of(experiment), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    """The one text of an experiment, for logs, digests and ids; new fields that have their past value are left out."""
+    tree = tree_of(experiment)
+    leave_out_past(Experiment, tree)
+    return json.dumps(tree, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
-def from_json(text: str) -> Experiment:
-    """The experiment that `canonical_json` wrote.
+def parsed(text: str) -> Tree:
+    """The whole tree of canonical JSON, also of an older version; its values are not validated.
 
     Raises:
-        ExperimentError: The text is no experiment of this version.
+        ExperimentError: The text is not a JSON object.
     """
     try:
         tree = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise ExperimentError(f"the experiment is not valid JSON: {error}") from None
     if not isinstance(tree, dict):
         raise ExperimentError("the experiment is not a JSON object")
-    return experiment_of(tree)
+    add_past(Experiment, tree)
+    return tree
+
+
+def from_json(text: str) -> Experiment:
+    """The experiment that `canonical_json` wrote, in this version or in an older one.
+
+    Raises:
+        ExperimentError: The text is not an experiment that this version knows.
+    """
+    return experiment_of(parsed(text))
 
 
 def toml_of(experiment: Experiment) -> str:
     """An experiment as a TOML file that teaches: every field with its unit and what it means."""
-    return "\n".join(_toml(experiment, "")).strip() + "\n"
+    version = f"{f'physics = {PHYSICS_VERSION}':<32}  # version: fields that come later get what describes it"
+    return "\n".join([version, *_toml(experiment, "")]).strip() + "\n"
 
 
 def _toml(spec: Any, here: str) -> Iterator[str]:
     tables: list[tuple[str, str, Any]] = []
-    for name, part in parts(type(spec)).items():
+    for name, info in fields_of(type(spec)).items():
         value = getattr(spec, name)
-        if part.adapter is None:
-            tables.append((name, part.doc, value))
+        if info.adapter is None:
+            tables.append((name, info.doc, value))
         else:
             text = f"{name} = {json.dumps(value)}"
-            if part.columns:
+            if info.columns:
                 text = "\n".join([f"{name} = [", *(f"  {json.dumps(row)}," for row in value), "]"])
-            meaning = ": ".join(filter(None, [part.unit, part.doc]))
-            if get_args(part.type) and all(isinstance(o, str) for o in get_args(part.type)) and name != "kind":
-                meaning += f" ({' | '.join(get_args(part.type))})"
+            meaning = ": ".join(filter(None, [info.unit, info.doc]))
+            if get_args(info.type) and all(isinstance(o, str) for o in get_args(info.type)) and name != "kind":
+                meaning += f" ({' | '.join(get_args(info.type))})"
             yield f"{text:<32}  # {meaning}" if meaning else text
     for name, text, value in tables:
         yield ""
@@ -224,7 +201,7 @@ def _toml(spec: Any, here: str) -> Iterator[str]:
             yield from _toml(value, f"{here}{name}.")
             continue
         present = {member.kind: member for member in value}
-        family = parts(type(spec))[name].family
+        family = fields_of(type(spec))[name].family
         assert family is not None
         yield from (f'{kind} = "off"' for kind in members(family.package) if kind not in present)
         for kind, member in present.items():

@@ -15,7 +15,7 @@ from google.protobuf.message import DecodeError, Message
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.text import changed
-from heli_twin.logbook import ORIGIN, flown_experiment, is_recovered
+from heli_twin.logbook import ORIGIN, PHYSICS, flown_experiment, is_recovered, physics_notice
 from heli_twin.mission import Result, fly
 from heli_twin.recording import Log, flight_pb2
 from heli_twin.recording.log import Messages
@@ -26,8 +26,8 @@ POSITION = 0.002
 22 ms) leaves 1.2 mm/s, which the control loop turns into about a millimetre; rounding alone leaves below 1e-9 m."""
 HEADING = np.radians(0.5)
 """rad: tolerance between two machines; a yaw count that rounds the other way leaves 0.1 deg."""
-_NO_BUILD = ("started", "processes")
-"""What the log's metadata say besides host and build; the number of cores changes no digit."""
+_NO_BUILD = ("started", "processes", PHYSICS)
+"""Metadata of the log that are not host and build; the number of cores changes no digit."""
 
 
 class Difference(NamedTuple):
@@ -60,12 +60,13 @@ class Refly:
 
     @property
     def verdict(self) -> str:
-        """`identical`, `within tolerance` (other host or build only) or `different`."""
+        """`identical`, `within tolerance` (other host, build or physics version only) or `different`."""
         if self.difference is None:
             return "identical"
         near = self.position_deviation <= POSITION and self.heading_deviation <= HEADING
         same_end = self.logged.outcome == self.result.log.outcome or is_recovered(self.logged)
-        return "within tolerance" if self.platforms and near and same_end else "different"
+        elsewhere = self.platforms or physics_notice(self.logged)
+        return "within tolerance" if elsewhere and near and same_end else "different"
 
 
 def refly(

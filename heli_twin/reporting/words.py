@@ -7,7 +7,7 @@ import numpy as np
 
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import EachOf, OneOf, members
-from heli_twin.experiment.tree import parts
+from heli_twin.experiment.fields import fields_of
 from heli_twin.reporting.intervals import Interval
 
 NAMES = {
@@ -69,7 +69,7 @@ def field(path: str, values: Sequence[float] = ()) -> Scale:
 
 def _unit(spec: type, keys: list[str]) -> str:
     """The unit of the field at a path; of any member of a family that has it."""
-    part = parts(spec).get(keys[0])
+    part = fields_of(spec).get(keys[0])
     if part is None:
         return ""
     rest = keys[1:]

@@ -1,6 +1,5 @@
 """Running a study: new runs are flown, each row is stored at once, and the wanted logs are kept."""
 
-import json
 import os
 import platform
 import socket
@@ -12,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from heli_twin.experiment.tree import parsed
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Point, Row
 from heli_twin.studies.plan import Plan, PlannedFlight, plan_of
@@ -91,7 +91,7 @@ def embedded(plan: Plan, timeout: float, processes: int | None = None) -> Backen
 
 def time_allowed(plan: Plan) -> float:
     """Return the time after which a flight counts as hung, s."""
-    return plan.study.timeout or 60 + 5 * json.loads(plan.space.base)["duration"]
+    return plan.study.timeout or 60 + 5 * parsed(plan.space.base)["duration"]
 
 
 class Campaign:

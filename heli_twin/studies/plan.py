@@ -9,18 +9,16 @@ from typing import Any, NamedTuple
 
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import OneOf
+from heli_twin.experiment.fields import fields_of
+from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.text import load
-from heli_twin.experiment.tree import canonical_json, experiment_of, parts
+from heli_twin.experiment.tree import canonical_json, experiment_of
 from heli_twin.studies.axes import axis_of
 from heli_twin.studies.columns import check_metrics
 from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Alternative, Space, value_at, varied
 from heli_twin.studies.study import Study
-
-PHYSICS_VERSION = 3
-"""Part of every run's id. Raise it by hand when the same experiment comes to fly differently: then old results do not
-count as flown any more."""
 
 
 class PlannedFlight(NamedTuple):
@@ -132,7 +130,7 @@ def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
             if not isinstance(changes, dict):
                 raise StudyError(f"alternatives.{name} = {changes!r}: write the changes it stands for as a table")
         return tuple(Alternative(name, dict(changes)) for name, changes in study.alternatives.items()), ""
-    families = {name for name, part in parts(Experiment).items() if isinstance(part.family, OneOf)}
+    families = {name for name, part in fields_of(Experiment).items() if isinstance(part.family, OneOf)}
     for path, written in study.axes.items():
         if path in families:
             levels = axis_of(path, written).levels()

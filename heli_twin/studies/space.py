@@ -1,12 +1,11 @@
 """The space of a design: base experiment, alternatives, axes and seeds."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from heli_twin.experiment.text import put
-from heli_twin.experiment.tree import Tree
+from heli_twin.experiment.tree import Tree, parsed
 from heli_twin.studies.axes import Axis
 
 
@@ -46,7 +45,7 @@ def varied(base: str, changes: Mapping[str, Any]) -> Tree:
         base: Canonical JSON.
         changes: Values by dotted path.
     """
-    tree = json.loads(base)
+    tree = parsed(base)
     for path, value in changes.items():
         # A linspace over a horizon gives 12.0 and 13.5.
         counts = type(value_at(tree, path)) is int and isinstance(value, float)

@@ -5,9 +5,9 @@ import pytest
 
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
-from heli_twin.experiment.tree import parts
+from heli_twin.experiment.fields import fields_of
 
-PACKAGES = sorted(part.family.package for part in parts(Experiment).values() if part.family)
+PACKAGES = sorted(part.family.package for part in fields_of(Experiment).values() if part.family)
 
 
 @pytest.mark.parametrize("package", PACKAGES)

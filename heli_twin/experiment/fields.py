@@ -1,0 +1,43 @@
+"""The fields of a spec as their annotations describe them: type, bounds, unit, meaning, family."""
+
+from dataclasses import fields, is_dataclass
+from functools import cache
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+from annotated_types import DocInfo, Unit
+from pydantic import TypeAdapter
+
+from controllers.markers import Rows
+from heli_twin.experiment.families import EachOf, OneOf
+
+
+class FieldInfo(NamedTuple):
+    """One field of a spec."""
+
+    type: Any
+    """Without its bounds."""
+    adapter: TypeAdapter[Any] | None
+    """Validates a plain value; None for a table."""
+    family: OneOf | EachOf | None
+    unit: str
+    """Empty for a value without one."""
+    doc: str
+    columns: tuple[str, ...] = ()
+    """Of the CSV file that may stand for the value; empty for a value that is no table of rows."""
+
+
+@cache
+def fields_of(spec: type) -> dict[str, FieldInfo]:
+    """The fields of a spec by name."""
+    hints = get_type_hints(spec, include_extras=True)
+    return {f.name: _info(hints[f.name]) for f in fields(spec)}
+
+
+def _info(hint: Any) -> FieldInfo:
+    bare, *extras = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    family = next((e for e in extras if isinstance(e, OneOf | EachOf)), None)
+    unit = next((e.unit for e in extras if isinstance(e, Unit)), "")
+    text = next((e.documentation for e in extras if isinstance(e, DocInfo)), "")
+    plain = family is None and not is_dataclass(bare)
+    columns = next((e.columns for e in extras if isinstance(e, Rows)), ())
+    return FieldInfo(bare, TypeAdapter(hint) if plain else None, family, unit, text, columns)

@@ -1,0 +1,118 @@
+"""Flights of older versions: what the fields that came later have to be so that an old experiment flies as it did.
+
+Add a line to `PAST` with every new field of an experiment, and with every changed default. The table has two uses:
+
+- An old text does not have the field. In the experiment of a log or of a study's store, a field that is absent has its
+  past value. A TOML file says with `physics = N` at its top for which version it was written (`heli-twin show` and
+  `--save` write that line): each field that it leaves out and that changed after version N gets its past value. A TOML
+  file without that line gets today's defaults.
+- The canonical JSON, which digests and run ids hash, leaves out a new field while it has its past value. So a new field
+  changes no digest and no run id of the flights that do not use it.
+"""
+
+from collections.abc import Callable, Collection, Iterator
+from copy import deepcopy
+from typing import Any, NamedTuple
+
+from heli_twin.experiment.families import EachOf, OneOf, members
+from heli_twin.experiment.fields import fields_of
+
+Tree = dict[str, Any]
+
+PHYSICS_VERSION = 3
+"""Part of every run's id. Raise it by hand when the same experiment comes to fly differently: then old results do not
+count as flown any more."""
+UNRECORDED_VERSION = 3
+"""Of a log that does not say its physics version."""
+
+
+class Past(NamedTuple):
+    """What a field was before it came, or before its default changed."""
+
+    version: int
+    """The first physics version with the new field or default."""
+    value: Any
+    """What describes flights of older versions, as it stands in a tree: a number, a text, a list, a table."""
+    is_new: bool = True
+    """False for a field that older versions had too, with this value as its default."""
+
+
+PAST: dict[str, Past] = {}
+"""By the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
+
+
+def add_past(spec: type, tree: Tree) -> None:
+    """Give each new field that a tree of canonical JSON leaves out its past value, in place."""
+    _set_past(spec, tree, lambda past, is_absent, _: past.is_new and is_absent)
+
+
+def restore_past(spec: type, tree: Tree, version: int, said: Collection[str], under: str = "") -> None:
+    """Give each field that changed after a version, and that a text of that version does not name, its past value.
+
+    Args:
+        spec: Class of the tree.
+        tree: A whole tree, changed in place.
+        version: Physics version of the text.
+        said: Dotted paths that the text names.
+        under: Dotted path of the table that the text describes; empty for the whole tree.
+    """
+
+    def applies(past: Past, _: bool, path: str) -> bool:
+        named = any(f"{name}.".startswith(f"{path}.") for name in said)
+        return past.version > version and path.startswith(f"{under}." if under else "") and not named
+
+    if version < PHYSICS_VERSION:
+        _set_past(spec, tree, applies)
+
+
+def leave_out_past(spec: type, tree: Tree) -> None:
+    """Remove each new field that has its past value from a whole tree, in place."""
+    changed = _by_class()
+    for kind, table, _ in reversed(list(_tables(spec, tree))):
+        for field, past in changed.get(_name(kind), {}).items():
+            if past.is_new and field in table and table[field] == past.value:
+                del table[field]
+
+
+def _set_past(spec: type, tree: Tree, applies: Callable[[Past, bool, str], bool]) -> None:
+    changed = _by_class()
+    # A table that is put in here is visited next: a field may have come with a class that has changed since.
+    for kind, table, here in _tables(spec, tree):
+        for field, past in changed.get(_name(kind), {}).items():
+            if applies(past, field not in table, here + field):
+                table[field] = deepcopy(past.value)
+
+
+def _by_class() -> dict[str, dict[str, Past]]:
+    index: dict[str, dict[str, Past]] = {}
+    for name, past in PAST.items():
+        spec, _, field = name.rpartition(".")
+        index.setdefault(spec, {})[field] = past
+    return index
+
+
+def _name(spec: type) -> str:
+    return f"{spec.__module__}.{spec.__qualname__}"
+
+
+def _tables(spec: type, table: Any, here: str = "") -> Iterator[tuple[type, Tree, str]]:
+    """Every table of a tree with its class and its dotted path, outer ones first; what is no table is skipped."""
+    if not isinstance(table, dict):
+        return
+    yield spec, table, here
+    for name, info in fields_of(spec).items():
+        inner = table.get(name)
+        if info.adapter is not None or not isinstance(inner, dict):
+            continue
+        match info.family:
+            case None:
+                yield from _tables(info.type, inner, f"{here}{name}.")
+            case OneOf(package):
+                kind = members(package).get(str(inner.get("kind")))
+                if kind:
+                    yield from _tables(kind, inner, f"{here}{name}.")
+            case EachOf(package):
+                for key, member in inner.items():
+                    kind = members(package).get(str(member.get("kind", key)) if isinstance(member, dict) else key)
+                    if kind:
+                        yield from _tables(kind, member, f"{here}{name}.{key}.")
