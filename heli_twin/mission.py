@@ -137,9 +137,9 @@ def _pictures(experiment: Experiment, rerun: str | None) -> "Live | None":
     if rerun is None:
         return None
     from heli_twin.viewing.live import Live
-    from heli_twin.viewing.show import scales, sink
+    from heli_twin.viewing.show import destination, scales_of
 
-    return Live(sink(rerun), scales(experiment))
+    return Live(destination(rerun), scales_of(experiment))
 
 
 def _new_path(folder: Path, experiment: Experiment) -> Path:

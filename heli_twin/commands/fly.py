@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from heli_twin.commands import add_experiment, command, experiment_arguments
-from heli_twin.commands.replay import quiet
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -45,7 +44,6 @@ def run(parsed: Namespace) -> int:
     from heli_twin.experiment.text import load
     from heli_twin.mission import fly
 
-    quiet()
     experiment = load(*experiment_arguments(parsed))
     bar = Progress(
         TextColumn("flying"),

@@ -1,6 +1,5 @@
 """`heli-twin replay`: a recorded flight in Rerun, or two side by side."""
 
-import os
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
@@ -33,16 +32,10 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Show it."""
-    quiet()
-    from heli_twin.viewing.show import flights, sink
+    from heli_twin.viewing.show import destination, flights
 
     where = parsed.save or ("connect" if parsed.connect else "spawn")
-    flights([path for path in (parsed.log, parsed.other) if path]).show(sink(where))
+    flights([path for path in (parsed.log, parsed.other) if path]).show(destination(where))
     if parsed.save:
         print(f"wrote {parsed.save}: open it with `{pasteable('rerun', Path(parsed.save))}`")
     return 0
-
-
-def quiet() -> None:
-    """Keep Rerun's own log off the terminal, where one sentence says the same; before Rerun is imported."""
-    os.environ.setdefault("RUST_LOG", "off")

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from heli_twin.commands import command
-from heli_twin.commands.replay import quiet
 from heli_twin.errors import HeliTwinError
 
 GREATEST = 8192
@@ -36,7 +35,6 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Write it."""
-    quiet()
     from heli_twin.viewing.show import flights, snapshot
 
     if not parsed.picture.parent.is_dir():

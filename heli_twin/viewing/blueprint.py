@@ -1,4 +1,4 @@
-"""Which views a flight is seen in, where they stand and what they look at."""
+"""The views of a flight: which there are, where they stand, and what the camera looks at."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,11 +8,11 @@ import rerun.blueprint as rrb
 
 from controllers.signals import Array
 from heli_twin.recording.log import Log
-from heli_twin.viewing.style import INPUTS, POSITIONS
+from heli_twin.viewing.style import INPUTS, POSITIONS, Source
 
 TIMELINE = "sim_time"
-TRAIL_SECONDS = 2.0
-"""How much of the flown path is shown behind the helicopter, s."""
+TRAIL_S = 2.0
+"""Length of the flown path that is shown behind the helicopter."""
 
 
 class Scales(NamedTuple):
@@ -25,12 +25,18 @@ class Scales(NamedTuple):
     period: float = 0.02
     """Control period, s: the deadline of the solver."""
     path: Array | None = None
-    """(n, 3) where the flight leads, world, m: what the camera looks at."""
+    """(n, 3) path of the flight, world, m: the camera looks at it."""
     planned: bool = True
     """Whether there is a reference to compare the flight with."""
 
-    def seeing(self, log: Log) -> "Scales":
-        """The same for a whole flight, looking along what was flown if nobody planned it."""
+    source: Source = "truth"
+
+    def for_source(self, log: Log) -> "Scales":
+        """The same for a log as it was read."""
+        return self if len(log.truth.time) or not len(log.pose.time) else self._replace(source="cameras")
+
+    def for_log(self, log: Log) -> "Scales":
+        """The same for a whole flight; the camera looks at the flown path if there is no planned one."""
         if len(log.truth.time) and not len(log.reference.time):
             return self._replace(path=log.truth.position, planned=False)
         return self._replace(path=log.reference_paths[0][1]) if self.path is None and log.reference_paths else self
@@ -38,8 +44,9 @@ class Scales(NamedTuple):
 
 def layout(scales: Scales) -> rrb.Blueprint:
     """Scene, events and controller state to the left, plots to the right."""
+    flown = "flown" if scales.source == "truth" else f"seen by the {scales.source}"
     seen = rrb.Vertical(
-        scene("Flight: blue flown, orange planned, white reference", scales.path),
+        scene(f"Flight: blue {flown}, orange planned, white reference", scales.path),
         rrb.Horizontal(
             rrb.TextLogView(
                 name="Events", origin="/events", columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
@@ -81,7 +88,7 @@ def layout(scales: Scales) -> rrb.Blueprint:
 
 
 def blueprint(seen: rrb.Container, plots: rrb.Container) -> rrb.Blueprint:
-    """What is seen to the left, plots to the right, and no panels but the time."""
+    """The scene to the left, plots to the right, and no panels but the time."""
     return rrb.Blueprint(
         rrb.Horizontal(seen, plots, column_shares=[5, 4]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing"),
@@ -94,16 +101,16 @@ def scene(name: str, path: Array | None, flights: Sequence[str] = ("",)) -> rrb.
     """The lab in 3D.
 
     Args:
-        name: Title; it says what the colours mean.
-        path: (n, 3) what the camera looks at, world, m.
-        flights: What each flight's entities begin with, `/A` for one.
+        name: Title; it explains the colours.
+        path: (n, 3) path that the camera looks at, world, m.
+        flights: Prefix of each flight's entities, such as `/A`.
     """
     points = np.array([[-0.5, -0.5, 1.0], [0.5, 0.5, 1.0]]) if path is None else path
     low, high = points.min(axis=0), points.max(axis=0)
     centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.4)
     trail = rrb.VisibleTimeRanges(
         timeline=TIMELINE,
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_SECONDS),
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
     alone = len(flights) == 1
@@ -123,7 +130,7 @@ def scene(name: str, path: Array | None, flights: Sequence[str] = ("",)) -> rrb.
 def plot(
     name: str, origin: str, y: tuple[float, float] | None = None, contents: Sequence[str] = ("$origin/**",)
 ) -> rrb.TimeSeriesView:
-    """A plot of all below the origin, or of the contents."""
+    """A plot of all entities below the origin, or of the contents."""
     return rrb.TimeSeriesView(
         name=name,
         origin=origin,

@@ -1,4 +1,4 @@
-"""What of a log goes where in Rerun: every picture of a flight is these columns, live and replayed."""
+"""The entities of a flight in Rerun and their columns: the same live and replayed."""
 
 from collections.abc import Iterable, Iterator
 from itertools import chain
@@ -6,24 +6,25 @@ from itertools import chain
 import numpy as np
 import rerun as rr
 
+from controllers.rotations import wrap_angle
 from controllers.signals import Array
 from heli_twin.recording.log import Log, Times
 from heli_twin.viewing.blueprint import Scales
-from heli_twin.viewing.style import CONTACT, INPUTS, POSITIONS
+from heli_twin.viewing.style import CONTACT_COLOURS, INPUTS, POSITIONS
 
-TRAIL_STEP = 0.02
-"""Length in time of one piece of the flown trail, s: one control period."""
-WIND_ARROW = 0.1
+TRAIL_STEP_S = 0.02
+"""Length in time of one piece of the flown trail: one control period."""
+WIND_ARROW_SCALE = 0.1
 """Length of the wind's arrow, m per m/s."""
-ROTOR_RATE = 1.7
-"""How fast the drawn rotors turn, rev/s: slow enough to see which way."""
+ROTOR_RATE_REV_S = 1.7
+"""Speed of the drawn rotors: slow enough to see their direction."""
 
 Rows = tuple[str, Times, Iterable[rr.ComponentColumn]]
 """Entity, times (n,) and columns of n rows."""
 
 
 def rows(log: Log, scales: Scales) -> Iterator[Rows]:
-    """Everything to see of a log or a slice of one."""
+    """Everything that is shown of a log or a slice of one."""
     return chain(_scene(log), _plots(log, scales), _computing(log, scales))
 
 
@@ -32,13 +33,8 @@ def tracking(log: Log) -> tuple[Times, Array]:
     truth, reference = log.truth, log.reference
     both, now, wanted = np.intersect1d(truth.time, reference.time, return_indices=True)
     error = np.column_stack([truth.position, truth.yaw])[now] - reference.x[wanted, :4]
-    error[:, 3] = turned(error[:, 3])
+    error[:, 3] = wrap_angle(error[:, 3])
     return both, error
-
-
-def turned(angle: Array) -> Array:
-    """Angles in [-pi, pi)."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def _scene(log: Log) -> Iterator[Rows]:
@@ -49,19 +45,19 @@ def _scene(log: Log) -> Iterator[Rows]:
         truth.time,
         rr.Transform3D.columns(translation=truth.position, quaternion=truth.quat_wxyz[:, xyzw]),
     )
-    half_turn = np.pi * ROTOR_RATE * 1e-9 * truth.time
+    half_turn = np.pi * ROTOR_RATE_REV_S * 1e-9 * truth.time
     for name, half_angle in ("rotor_lower", half_turn), ("rotor_upper", -half_turn):
         zero = np.zeros_like(half_angle)
         spin = np.stack([zero, zero, np.sin(half_angle), np.cos(half_angle)], axis=1)
         yield f"world/helicopter/{name}", truth.time, rr.Transform3D.columns(quaternion=spin)
-    half_step = 0.5 * TRAIL_STEP * truth.velocity
+    half_step = 0.5 * TRAIL_STEP_S * truth.velocity
     pieces = np.stack([truth.position - half_step, truth.position + half_step], axis=1)
     yield "world/trail", truth.time, rr.LineStrips3D.columns(strips=pieces.astype(np.float32))
     floor = truth.position * [1.0, 1.0, 0.0]
     plumb_line = np.stack([truth.position, floor], axis=1).astype(np.float32)
     yield "world/plumb_line", truth.time, rr.LineStrips3D.columns(strips=plumb_line)
     both, here, blowing = np.intersect1d(truth.time, log.disturbance.time, return_indices=True)
-    wind = rr.Arrows3D.columns(origins=truth.position[here], vectors=WIND_ARROW * log.disturbance.wind[blowing])
+    wind = rr.Arrows3D.columns(origins=truth.position[here], vectors=WIND_ARROW_SCALE * log.disturbance.wind[blowing])
     yield "world/wind", both, wind
     for t, points in log.reference_paths:
         yield "world/reference_path", np.array([t]), rr.LineStrips3D.columns(strips=points[None].astype(np.float32))
@@ -78,7 +74,7 @@ def _plots(log: Log, scales: Scales) -> Iterator[Rows]:
     yield "error/yaw", both, scalars(np.degrees(error[:, 3]))
     unit = np.array([1, 1, 1, 180 / np.pi])
     for i, name in enumerate(POSITIONS):
-        yield f"position/{name}/truth", truth.time, scalars(unit[i] * true_x[:, i])
+        yield f"position/{name}/{scales.source}", truth.time, scalars(unit[i] * true_x[:, i])
         yield f"position/{name}/reference", reference.time, scalars(unit[i] * reference.x[:, i])
         yield f"position/{name}/estimate", estimate.stamp, scalars(unit[i] * estimate.x[:, i])
         if name != "yaw":
@@ -103,16 +99,17 @@ def _computing(log: Log, scales: Scales) -> Iterator[Rows]:
     yield "air/push", air.time, scalars(air.acceleration)
     yield "air/thrust", air.time, scalars(air.thrust_factor)
     yield "state/controller", log.qp.time, rr.StateChange.columns(state=log.qp.status.tolist())
-    in_the_air, on_the_floor = CONTACT
-    contact = np.where(log.truth.touching, on_the_floor, in_the_air).tolist()
-    yield "state/contact", log.truth.time, rr.StateChange.columns(state=contact)
+    in_the_air, on_the_floor = CONTACT_COLOURS
+    if scales.source == "truth":
+        contact = np.where(log.truth.touching, on_the_floor, in_the_air).tolist()
+        yield "state/contact", log.truth.time, rr.StateChange.columns(state=contact)
     times = np.array([event.time for event in log.events], np.int64)
     text = [f"{event.name}: {event.text}" for event in log.events]
-    level = [_LEVELS[event.severity] for event in log.events]
+    level = [RERUN_LEVELS[event.severity] for event in log.events]
     yield "events", times, rr.TextLog.columns(text=text, level=level)
 
 
-_LEVELS = {
+RERUN_LEVELS = {
     "unknown": "TRACE",
     "debug": "DEBUG",
     "info": "INFO",
@@ -124,6 +121,6 @@ _LEVELS = {
 
 
 def scalars(values: Array) -> rr.ComponentColumnList:
-    """One row of numbers a moment, (n,) or (n, k)."""
+    """Columns of one number, or k numbers, for each moment: values (n,) or (n, k)."""
     columns = rr.Scalars.columns(scalars=values.ravel())
     return columns if values.ndim == 1 else columns.partition([values.shape[1]] * len(values))

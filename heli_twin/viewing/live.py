@@ -1,11 +1,10 @@
 """A flight in Rerun: the same picture from a finished log and while it flies.
 
-Only this module and its neighbours `delivery`, `layout`, `style`, `rows`, `comparison` and `viewer` import Rerun, and
-nothing imports them before a viewer is asked for. A viewer that is missing, slow or dies costs its pictures and
-nothing else.
+A viewer that is missing, slow or dies costs its pictures and nothing else.
 """
 
 import logging
+import sys
 from collections.abc import Sequence
 from queue import Full, Queue
 from threading import Event, Thread
@@ -16,106 +15,108 @@ import rerun as rr
 from heli_twin.recording.log import Log, Messages
 from heli_twin.recording.schema import LogError
 from heli_twin.viewing.blueprint import TIMELINE, Scales, layout
-from heli_twin.viewing.entities import Rows, rows
-from heli_twin.viewing.sinks import (
-    ANSWER,
-    Sink,
-    absent,
+from heli_twin.viewing.delivery import (
+    ANSWER_TIMEOUT_S,
+    Destination,
+    abandon_viewer,
     deliver,
-    finish,
-    leave_behind,
-    mute,
-    opened,
-    start,
-    within,
+    flush_and_close,
+    open_stream,
+    start_viewer,
+    with_timeout,
 )
+from heli_twin.viewing.entities import Rows, rows
 from heli_twin.viewing.style import send_static
 
-SLICE = 500_000_000
-"""Simulated ns that are handed over at once while flying."""
-PATIENCE = 200
-"""Slices that wait to be shown at most: 100 s of flight, about 15 MB."""
-IDLE, SHARE = 0.1, 0.1
-"""Least pause between two looks at what waits, s, and share of the time that pictures take at most: they are made in
-the interpreter that flies."""
-FAREWELL = 5.0
-"""How long the rest may take when the flight is over, s."""
+SLICE_NS = 500_000_000
+"""Simulated time that is handed over at once while flying."""
+MAX_WAITING_SLICES = 200
+"""100 s of flight, about 15 MB."""
+MIN_PAUSE_S = 0.1
+"""Least pause between two looks at the waiting slices."""
+MAX_TIME_SHARE = 0.1
+"""Greatest share of the time that pictures take: they are made in the interpreter that flies."""
+SHUTDOWN_TIMEOUT_S = 5.0
+"""Time that the waiting slices may take when the flight is over."""
+INTERRUPTED_TIMEOUT_S = 1.0
+"""The same when the flight was interrupted: the program is about to end."""
 
 _LOGGER = logging.getLogger(__name__)
 
 Slice = dict[str, tuple[list[int], list[bytes]]]
-"""By topic, times and messages of a piece of a flight."""
+"""Times (ns) and messages of a piece of a flight, by topic."""
 
 
-def show(log: Log, sink: Sink, scales: Scales) -> None:
+def show(log: Log, destination: Destination, scales: Scales) -> None:
     """Show a whole flight.
 
     Raises:
         LogError: No viewer listens or answers, or the file cannot be written.
     """
-    scales = scales.seeing(log)
+    scales = scales.for_log(log)
 
     def fill(stream: rr.RecordingStream) -> None:
-        send_static(stream)
+        send_static(stream, source=scales.source)
         send(stream, log, scales)
 
-    deliver(sink, layout(scales), fill)
+    deliver(destination, layout(scales), fill)
 
 
 class Live:
     """A listener of the recorder that shows the flight while it lasts, slice by slice.
 
-    Whatever goes wrong with the picture is told once, and the flight goes on. A thread of its own sends it, so that a
-    viewer or a disk that hangs does not hold up the flight; what cannot be sent in time is left out of the picture.
+    Each trouble with the picture is told once, and the flight goes on. A thread of its own sends the slices, so that
+    a viewer or a disk that hangs does not delay the flight; slices that cannot be sent in time are left out.
     """
 
-    def __init__(self, sink: Sink, scales: Scales) -> None:
-        """Open the pictures; without a viewer there are none.
+    def __init__(self, destination: Destination, scales: Scales) -> None:
+        """Open the destination; without a viewer there are no pictures.
 
         Raises:
             LogError: The file cannot be written.
         """
-        self._sink, self._scales = sink, scales
+        self._destination, self._scales = destination, scales
         self._slice: Slice = {}
-        self._due = SLICE
+        self._due = SLICE_NS
         self._told = False
         self._over = Event()
-        self._slices: Queue[Slice] = Queue(PATIENCE)
-        start(sink)
-        self._stream = within(ANSWER, sink, self._opened) if sink.file else None
+        self._slices: Queue[Slice] = Queue(MAX_WAITING_SLICES)
+        start_viewer(destination)
+        self._stream = with_timeout(ANSWER_TIMEOUT_S, destination, self._open) if destination.file else None
         self._server = Thread(target=self._serve, daemon=True)
         self._server.start()
 
     def __call__(self, topic: str, t: int, data: bytes) -> None:
         """Take a message of the flight."""
         if t >= self._due:
-            self._due = (t // SLICE + 1) * SLICE
+            self._due = (t // SLICE_NS + 1) * SLICE_NS
             self._end_slice()
         times, messages = self._slice.setdefault(topic, ([], []))
         times.append(t)
         messages.append(data)
 
     def close(self) -> None:
-        """Show the rest."""
+        """Show the waiting slices and end the picture."""
         self._end_slice()
         self._over.set()
-        self._server.join(FAREWELL)
+        interrupted = isinstance(sys.exception(), KeyboardInterrupt)
+        self._server.join(INTERRUPTED_TIMEOUT_S if interrupted else SHUTDOWN_TIMEOUT_S)
         if self._server.is_alive():
-            leave_behind()
-            self._tell(f"{mute(self._sink)}: the picture is incomplete")
+            abandon_viewer()
+            self._tell(f"{self._destination.no_answer()}: the picture is incomplete")
 
     def _end_slice(self) -> None:
         taken, self._slice = self._slice, {}
         try:
             self._slices.put_nowait(taken)
         except Full:
-            self._tell(f"{mute(self._sink)}: the picture has gaps")
+            self._tell(f"{self._destination.no_answer()}: the picture has gaps")
 
     def _serve(self) -> None:
-        """Show slices until the last; the only one that talks to a viewer."""
+        """Show slices until the last one; only this thread talks to a viewer."""
         try:
-            self._stream = self._stream or self._opened()
-        # Whatever it is that fails in Rerun or in a slice, it ends the picture and not the flight.
+            self._stream = self._stream or self._open()
+        # Any error in Rerun or in a slice ends the picture and not the flight.
         except Exception:
             _LOGGER.exception("the flight goes on without its picture")
         pause = 0.0
@@ -125,17 +126,17 @@ class Live:
         self._close()
 
     def _show_waiting(self) -> float:
-        """Show all slices that wait, as one; returns how long to leave the processor to the flight, s."""
+        """Show all waiting slices as one; returns the pause (s) that leaves the processor to the flight."""
         began = perf_counter()
         waiting = [self._slices.get_nowait() for _ in range(self._slices.qsize())]
         if waiting:
             self._show(waiting)
-        return max((perf_counter() - began) / SHARE, IDLE)
+        return max((perf_counter() - began) / MAX_TIME_SHARE, MIN_PAUSE_S)
 
-    def _opened(self) -> rr.RecordingStream | None:
-        stream = opened(self._sink, layout(self._scales))
+    def _open(self) -> rr.RecordingStream | None:
+        stream = open_stream(self._destination, layout(self._scales))
         if stream is None:
-            self._tell(f"{absent(self._sink)}; the flight goes on without its picture")
+            self._tell(f"{self._destination.no_viewer()}; the flight goes on without its picture")
         else:
             send_static(stream)
         return stream
@@ -154,36 +155,36 @@ class Live:
         if self._stream is None:
             return
         try:
-            finish(self._stream, self._sink)
+            flush_and_close(self._stream, self._destination)
         except LogError as error:
             self._tell(str(error))
 
-    def _tell(self, what: str) -> None:
+    def _tell(self, trouble: str) -> None:
         if not self._told:
-            _LOGGER.warning("%s", what)
+            _LOGGER.warning("%s", trouble)
         self._told = True
 
 
 def _joined(slices: Sequence[Slice]) -> Log:
-    """Slices that follow each other as one log."""
-    topics = dict.fromkeys(topic for some in slices for topic in some)
-    both = {topic: [some[topic] for some in slices if topic in some] for topic in topics}
+    """Join consecutive slices into one log."""
+    topics = dict.fromkeys(topic for piece in slices for topic in piece)
+    pieces = {topic: [piece[topic] for piece in slices if topic in piece] for topic in topics}
     return Log(
         {
             topic: Messages([t for times, _ in parts for t in times], [d for _, data in parts for d in data])
-            for topic, parts in both.items()
+            for topic, parts in pieces.items()
         }
     )
 
 
-def send(stream: rr.RecordingStream, log: Log, scales: Scales, below: str = "") -> None:
-    """Send a log or a slice of one, all of it below an entity such as `A/`."""
+def send(stream: rr.RecordingStream, log: Log, scales: Scales, prefix: str = "") -> None:
+    """Send a log or a slice of one, each entity under a prefix such as `A/`."""
     for entity, times, columns in rows(log, scales):
-        send_rows(stream, (below + entity, times, columns))
+        send_rows(stream, (prefix + entity, times, columns))
 
 
-def send_rows(stream: rr.RecordingStream, some: Rows) -> None:
+def send_rows(stream: rr.RecordingStream, entity_rows: Rows) -> None:
     """Send columns unless they are empty."""
-    entity, times, columns = some
+    entity, times, columns = entity_rows
     if len(times):
         stream.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=times.astype("m8[ns]"))], columns)

@@ -1,8 +1,8 @@
-"""How a flight is drawn in Rerun: one colour, one meaning, and all that never changes."""
+"""Colours, names and shapes of a flight in Rerun: everything that does not change with time."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from math import cos, sin
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -17,44 +17,47 @@ AIR, PLUMB = 0x8FE3FFFF, 0x8A90A080
 """Wind, and the line that drops from the helicopter to the floor."""
 INPUTS = ("pitch", "roll", "thrust", "yaw")
 POSITIONS = ("x", "y", "z", "yaw")
-RUNGS = {"solved": 0x4CD4A5FF, "softened": YAW, "shifted_plan": PLANNED, "safe_hover": LIMIT}
-"""Colours of the fallback ladder."""
-CONTACT = {"in the air": BELIEVED, "on the floor": YAW}
-"""Colours of whether it flies."""
+QP_STATUS_COLOURS = {"solved": 0x4CD4A5FF, "softened": YAW, "shifted_plan": PLANNED, "safe_hover": LIMIT}
+"""By how a control problem was solved."""
+CONTACT_COLOURS = {"in the air": BELIEVED, "on the floor": YAW}
+"""By whether the helicopter flies."""
 RIVAL, RIVAL_WANTED = 0xFF7AC6FF, 0xF3C9E2FF
 """Truth and reference of the second of two flights in one picture."""
+Source = Literal["truth", "cameras"]
+"""Where the positions of the helicopter come from; of an imported recording nobody knows the truth."""
 
-
-ABOVE = (0.0, 0.0, 0.14)
-"""Where a name stands over its helicopter, body, m."""
+NAME_OFFSET = (0.0, 0.0, 0.14)
+"""Position of a name over its helicopter, m."""
 
 
 class Look(NamedTuple):
-    """How one of several flights is told from the others."""
+    """The name and the colours that tell one of several flights from the others."""
 
     name: str = ""
-    """Also the entity that all of it is under; empty for a flight alone."""
+    """Also the entity above all entities of the flight; empty for a flight alone."""
+    colour: str = "blue"
+    """Of what was flown, in words."""
     flown: int = FLOWN
     wanted: int = WANTED
     body: int = RED
 
     def path(self, entity: str) -> str:
-        """Where an entity of this flight stands."""
+        """The path of an entity of this flight."""
         return f"{self.name}/{entity}" if self.name else entity
 
 
 ALONE = Look()
 
 
-def send_static(stream: rr.RecordingStream, look: Look = ALONE) -> None:
-    """The shape of the helicopter, and names and colours of every series."""
+def send_static(stream: rr.RecordingStream, look: Look = ALONE, source: Source = "truth") -> None:
+    """Send the shape of the helicopter, and names and colours of every series."""
     stream.log(look.path("world"), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _send_scene(stream, look)
-    for path, series in _series():
+    for path, series in _series(source):
         names, colours, widths = zip(*series, strict=True)
         held = path.startswith(("input", "air"))
         stream.log(look.path(path), lines(names, colours, widths, held=held), static=True)
-    for path, colours in ("state/controller", RUNGS), ("state/contact", CONTACT):
+    for path, colours in ("state/controller", QP_STATUS_COLOURS), ("state/contact", CONTACT_COLOURS):
         style = rr.StateConfiguration(values=[*colours], colors=rgba(colours.values()))
         stream.log(look.path(path), style, static=True)
 
@@ -89,7 +92,7 @@ def _send_scene(stream: rr.RecordingStream, look: Look) -> None:
         stream.log(look.path(f"world/{path}"), point, static=True)
     stream.log(look.path("world/wind"), rr.Arrows3D.from_fields(radii=0.003, colors=rgba([AIR])), static=True)
     if look.name:
-        name = rr.Points3D([ABOVE], labels=[look.name], colors=rgba([look.flown]), radii=0.001, show_labels=True)
+        name = rr.Points3D([NAME_OFFSET], labels=[look.name], colors=rgba([look.flown]), radii=0.001, show_labels=True)
         stream.log(f"{body}/name", name, static=True)
 
 
@@ -97,7 +100,7 @@ Series = tuple[str, int, float]
 """Name, colour and width of one line of a plot."""
 
 
-def _series() -> Iterator[tuple[str, Sequence[Series]]]:
+def _series(source: Source) -> Iterator[tuple[str, Sequence[Series]]]:
     """Entity and lines of every plot."""
     axes: list[Series] = [(name, colour, 1.5) for name, colour in zip("xyz", AXES, strict=True)]
     yield "error/position", axes
@@ -107,7 +110,7 @@ def _series() -> Iterator[tuple[str, Sequence[Series]]]:
         yield f"position/{name}/mocap", [("motion capture", SEEN, 1.0)]
         yield f"position/{name}/estimate", [("estimate", BELIEVED, 1.2)]
         yield f"position/{name}/reference", [("reference", WANTED, 1.2)]
-        yield f"position/{name}/truth", [("truth", FLOWN, 2.0)]
+        yield f"position/{name}/{source}", [(source, FLOWN, 2.0)]
     for name in INPUTS:
         yield f"input/{name}/limits", [("lower limit", LIMIT, 1.0), ("upper limit", LIMIT, 1.0)]
         yield f"input/{name}/sent", [("sent", PLANNED, 1.5)]
@@ -119,7 +122,7 @@ def _series() -> Iterator[tuple[str, Sequence[Series]]]:
 
 
 def _send_parts(stream: rr.RecordingStream, path: str, parts: Sequence[Part]) -> None:
-    """Draw primitives, all of one kind at once."""
+    """Draw primitives, all of one kind together."""
     spheres, cylinders, boxes = (
         [part for part in parts if part.kind == kind] for kind in ("sphere", "cylinder", "box")
     )

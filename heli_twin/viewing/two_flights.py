@@ -7,12 +7,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from controllers.rotations import wrap_angle
 from controllers.signals import Array
 from heli_twin.recording.log import Log, Times
 from heli_twin.viewing.blueprint import Scales, blueprint, plot, scene
-from heli_twin.viewing.entities import Rows, scalars, tracking, turned
+from heli_twin.viewing.delivery import Destination, deliver
+from heli_twin.viewing.entities import Rows, scalars, tracking
 from heli_twin.viewing.live import send, send_rows
-from heli_twin.viewing.sinks import Sink, deliver
 from heli_twin.viewing.style import (
     AXES,
     FLOWN,
@@ -27,55 +28,53 @@ from heli_twin.viewing.style import (
     send_static,
 )
 
-LOOKS = (Look("A", FLOWN, WANTED, FLOWN), Look("B", RIVAL, RIVAL_WANTED, RIVAL))
+LOOKS = (Look("A", "blue", FLOWN, WANTED, FLOWN), Look("B", "pink", RIVAL, RIVAL_WANTED, RIVAL))
 
 
-class Run(NamedTuple):
+FieldDifference = tuple[str, str, str]
+"""Dotted path of a field in which two experiments differ, and its values in A and in B, as text."""
+
+
+class ComparedFlight(NamedTuple):
     """One of the two flights."""
 
     log: Log
     scales: Scales
     name: str
-    """Of its file."""
+    """The log file's."""
 
 
-class Difference(NamedTuple):
-    """A field in which two experiments differ, as text."""
-
-    field: str
-    """Dotted path."""
-    a: str
-    b: str
-
-
-def show_both(a: Run, b: Run, differences: Sequence[Difference], sink: Sink) -> None:
+def show_both(
+    a: ComparedFlight, b: ComparedFlight, differences: Sequence[FieldDifference], destination: Destination
+) -> None:
     """Show two flights as `/A` and `/B` of one recording.
 
     Raises:
         LogError: No viewer listens or answers, or the file cannot be written.
     """
-    runs = [run._replace(scales=run.scales.seeing(run.log)) for run in (a, b)]
+    flights = [flight._replace(scales=flight.scales.for_log(flight.log)) for flight in (a, b)]
 
     def fill(stream: rr.RecordingStream) -> None:
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for run, look in zip(runs, LOOKS, strict=True):
-            send_static(stream, look)
-            send(stream, run.log, run.scales, look.path(""))
-            for some in _errors(run.log, look):
-                send_rows(stream, some)
-        for some in _difference(a.log, b.log):
-            send_rows(stream, some)
-        _send_styles(stream)
-        text = rr.TextDocument(document(runs, differences), media_type=rr.MediaType.MARKDOWN)
+        for flight, look in zip(flights, LOOKS, strict=True):
+            send_static(stream, look, flight.scales.source)
+            send(stream, flight.log, flight.scales, look.path(""))
+            for entity_rows in _errors(flight.log, look):
+                send_rows(stream, entity_rows)
+        for entity_rows in _difference(a.log, b.log):
+            send_rows(stream, entity_rows)
+        _send_styles(stream, flights)
+        text = rr.TextDocument(document(flights, differences), media_type=rr.MediaType.MARKDOWN)
         stream.log("differences", text, static=True)
 
-    deliver(sink, _layout(runs, differences), fill)
+    deliver(destination, _layout(flights, differences), fill)
 
 
 def difference(a: Log, b: Log) -> tuple[Times, Array]:
-    """Truth of B minus truth of A at A's times (n,) that B was in the air too: x y z (world, m), yaw (rad) as (n, 4).
+    """Truth of B minus truth of A while both were recorded.
 
-    B stands between its own times on a straight line; the yaw is in [-pi, pi).
+    Returns:
+        A's times (n,), ns, and x y z (world, m) and yaw (rad, in [-pi, pi)) as (n, 4). B is interpolated linearly.
     """
     (t, of_a), (t_b, of_b) = _poses(a), _poses(b)
     if not len(t_b):
@@ -84,7 +83,7 @@ def difference(a: Log, b: Log) -> tuple[Times, Array]:
     t, of_a = t[common], of_a[common]
     seconds, seconds_b = 1e-9 * t, 1e-9 * t_b
     minus = np.column_stack([np.interp(seconds, seconds_b, of_b[:, i]) for i in range(4)]) - of_a
-    minus[:, 3] = turned(minus[:, 3])
+    minus[:, 3] = wrap_angle(minus[:, 3])
     return t, minus
 
 
@@ -105,10 +104,11 @@ def _difference(a: Log, b: Log) -> Iterator[Rows]:
     yield "difference/yaw", t, scalars(np.degrees(minus[:, 3]))
 
 
-def _send_styles(stream: rr.RecordingStream) -> None:
-    """Lines of one plot are told apart by the flight, not by the wire."""
-    for look in LOOKS:
-        for entity in ("tracking/position", "tracking/yaw", *(f"position/{name}/truth" for name in POSITIONS)):
+def _send_styles(stream: rr.RecordingStream, flights: Sequence[ComparedFlight]) -> None:
+    """Name and colour the lines of each plot by the flight, not by the wire."""
+    for look, flight in zip(LOOKS, flights, strict=True):
+        flown = (f"position/{name}/{flight.scales.source}" for name in POSITIONS)
+        for entity in ("tracking/position", "tracking/yaw", *flown):
             stream.log(look.path(entity), lines([look.name], [look.flown]), static=True)
         for name in POSITIONS:
             style = lines([f"{look.name} reference"], [look.wanted], 1.0)
@@ -119,9 +119,13 @@ def _send_styles(stream: rr.RecordingStream) -> None:
     stream.log("difference/yaw", lines(["yaw"], [YAW]), static=True)
 
 
-def _layout(runs: Sequence[Run], differences: Sequence[Difference]) -> rrb.Blueprint:
-    paths = [run.scales.path for run in runs if run.scales.path is not None]
-    named = f"A blue, B pink, plans orange: {_in_short(differences)}"
+def _layout(flights: Sequence[ComparedFlight], differences: Sequence[FieldDifference]) -> rrb.Blueprint:
+    paths = [flight.scales.path for flight in flights if flight.scales.path is not None]
+    colours = ", ".join(
+        f"{look.name} {look.colour}{'' if flight.scales.source == 'truth' else f' by the {flight.scales.source}'}"
+        for look, flight in zip(LOOKS, flights, strict=True)
+    )
+    named = f"{colours}, plans orange: {_in_short(differences)}"
     seen = rrb.Vertical(
         scene(named, np.concatenate(paths) if paths else None, [f"/{look.name}" for look in LOOKS]),
         rrb.Horizontal(
@@ -150,6 +154,7 @@ def _layout(runs: Sequence[Run], differences: Sequence[Difference]) -> rrb.Bluep
                     f"{name} [{'deg' if name == 'yaw' else 'm'}]",
                     f"position/{name}/reference",
                     f"position/{name}/truth",
+                    f"position/{name}/cameras",
                 )
                 for name in POSITIONS
             ),
@@ -176,18 +181,19 @@ def _of_both(entity: str) -> list[str]:
     return [f"+ /{look.path(entity)}" for look in LOOKS]
 
 
-def _in_short(differences: Sequence[Difference]) -> str:
-    """What fits into a title."""
-    first = ", ".join(f"{d.field} {d.a} / {d.b}" for d in differences[:2])
+def _in_short(differences: Sequence[FieldDifference]) -> str:
+    """The first differences, short enough for a title."""
+    first = ", ".join(f"{field} {a} / {b}" for field, a, b in differences[:2])
     more = f" and {len(differences) - 2} more" if len(differences) > 2 else ""
     return (first or "the same experiment") + more
 
 
-def document(runs: Sequence[Run], differences: Sequence[Difference]) -> str:
+def document(flights: Sequence[ComparedFlight], differences: Sequence[FieldDifference]) -> str:
     """A Markdown table: the two flights, and what differs between them."""
     rows = [
-        ("file", *(run.name for run in runs)),
-        ("outcome", *(run.log.outcome for run in runs)),
+        ("file", *(flight.name for flight in flights)),
+        ("outcome", *(flight.log.outcome for flight in flights)),
+        ("positions by", *(flight.scales.source for flight in flights)),
         *differences,
         *(() if differences else [("experiment", "the same", "the same")]),
     ]

@@ -1,4 +1,4 @@
-"""Rerun's viewer as a process of this machine: found, started, and photographed without a screen."""
+"""Rerun's viewer as a process of this machine: find it, start it, take its picture without a screen."""
 
 import os
 import signal
@@ -17,21 +17,23 @@ from heli_twin.recording.schema import LogError
 from heli_twin.viewing.blueprint import TIMELINE
 
 HOST = "127.0.0.1"
-START, DELIVERY = 20.0, 60.0
-"""How long a viewer may take to listen, and to take in a flight, s."""
-SETTLING = 0.7
-"""How long the viewer's last frames may still change after the time was set, s: plots fade to their final range."""
-NOTES = 4.5
-"""How long a viewer shows the note that it has started, in front of the picture, s."""
+START_TIMEOUT_S = 20.0
+"""Time that a viewer may take until it listens."""
+DELIVERY_TIMEOUT_S = 60.0
+"""Time that a viewer may take to receive a flight."""
+REDRAW_PAUSE_S = 0.7
+"""Time in which a picture still changes after the simulated time was set: plots fade to their final range."""
+START_NOTE_S = 4.5
+"""Time for which a viewer shows the note that it has started, in front of the picture."""
 
 
 def url(port: int) -> str:
-    """Where a viewer on this port takes data."""
+    """The address of the viewer on this port."""
     return f"rerun+http://{HOST}:{port}/proxy"
 
 
-def listens(port: int) -> bool:
-    """Whether somebody listens there."""
+def is_listening(port: int) -> bool:
+    """Return whether a process listens on this port."""
     try:
         with socket.create_connection((HOST, port), timeout=0.2):
             return True
@@ -40,13 +42,13 @@ def listens(port: int) -> bool:
 
 
 def spawn(port: int) -> bool:
-    """Start a viewer of its own that only this machine can reach; whether it listens."""
+    """Start a viewer that only this machine can reach and that outlives this program; returns whether it listens."""
     viewer = _start(port, "--expect-data-soon", output=subprocess.DEVNULL)
     return _comes_up(viewer, port)
 
 
 def picture(show: Callable[[int], None], at: float, size: tuple[int, int]) -> bytes:
-    """A PNG of a flight at one moment, from a viewer without a window that is gone afterwards.
+    """Take a PNG of a flight at one moment, from a viewer without a window that ends afterwards.
 
     Args:
         show: Sends the flight to the viewer on the port that it is given.
@@ -61,13 +63,13 @@ def picture(show: Callable[[int], None], at: float, size: tuple[int, int]) -> by
         show(port)
         _wait_until_all_is_there(viewer)
         viewer.set_time(TIMELINE, duration=at, play_state="paused")
-        time.sleep(max(SETTLING, started + NOTES - time.monotonic()))
+        time.sleep(max(REDRAW_PAUSE_S, started + START_NOTE_S - time.monotonic()))
         return viewer.take_screenshot()
 
 
 @contextmanager
 def headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
-    """A viewer without a window and its port, for as long as it is needed; size in pixels.
+    """Run a viewer without a window while the block lasts; yields its port and its client. Size in pixels.
 
     Raises:
         LogError: There is nothing to draw with, or the viewer failed.
@@ -82,7 +84,9 @@ def headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
         process = _start(port, *options, output=said, TMPDIR=place)
         try:
             if not _comes_up(process, port):
-                raise LogError(f"the viewer did not start in {START:g} s: try again when the machine is less busy")
+                raise LogError(
+                    f"the viewer did not start in {START_TIMEOUT_S:g} s: try again when the machine is less busy"
+                )
             viewer = ViewerClient.connect(url(port))
             # It listens before it knows whether it can draw.
             viewer.get_state()
@@ -103,7 +107,7 @@ def headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
 
 
 def _why(said: str) -> str:
-    """One sentence for a viewer that died."""
+    """One sentence on why a viewer died, from its output."""
     if "render context" in said or "adapter" in said:
         return (
             "there is no graphics driver to draw with: install a software one,"
@@ -121,17 +125,17 @@ def _start(port: int, *options: str, output: int | IO[bytes], **variables: str) 
 
 
 def _comes_up(viewer: subprocess.Popen[bytes], port: int) -> bool:
-    deadline = time.monotonic() + START
+    deadline = time.monotonic() + START_TIMEOUT_S
     while time.monotonic() < deadline and viewer.poll() is None:
-        if listens(port):
+        if is_listening(port):
             return True
         time.sleep(0.05)
     return False
 
 
 def _wait_until_all_is_there(viewer: ViewerClient) -> None:
-    """Wait for a recording with its layout that has stopped growing."""
-    before, deadline = None, time.monotonic() + DELIVERY
+    """Wait until a recording and its layout have arrived and the recording no longer grows."""
+    before, deadline = None, time.monotonic() + DELIVERY_TIMEOUT_S
     while time.monotonic() < deadline:
         state = viewer.get_state()
         now = [(r.store_id, [(line.name, line.end) for line in r.timelines]) for r in state.recordings]
@@ -143,4 +147,4 @@ def _wait_until_all_is_there(viewer: ViewerClient) -> None:
             return
         before = now
         time.sleep(0.2)
-    raise LogError(f"the viewer took more than {DELIVERY:g} s to take in the flight: try a shorter log")
+    raise LogError(f"the viewer took more than {DELIVERY_TIMEOUT_S:g} s to take in the flight: try a shorter log")

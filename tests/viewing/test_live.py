@@ -16,7 +16,7 @@ import pytest
 from controllers.signals import Pose
 from heli_twin.recording import Log, LogError, Recorder
 from heli_twin.viewing.blueprint import Scales
-from heli_twin.viewing.live import Live, Sink, show
+from heli_twin.viewing.live import Destination, Live, show
 from heli_twin.viewing.viewer_process import headless
 
 Record = Callable[..., Recorder]
@@ -38,17 +38,17 @@ def rerun(*arguments: object) -> None:
 
 
 def test_live_equals_replay(record: Record, tmp_path: Path) -> None:
-    live = Live(Sink(tmp_path / "live.rrd"), SCALES)
+    live = Live(Destination(tmp_path / "live.rrd"), SCALES)
     recorder = record(seconds=2.3, listeners=[live])
     live.close()
-    show(recorder.log(), Sink(tmp_path / "replay.rrd"), SCALES)
+    show(recorder.log(), Destination(tmp_path / "replay.rrd"), SCALES)
     for name in ("live", "replay"):
         rerun("rrd", "optimize", tmp_path / f"{name}.rrd", "-o", tmp_path / f"{name}.whole.rrd")
     rerun("rrd", "compare", "--unordered", tmp_path / "live.whole.rrd", tmp_path / "replay.whole.rrd")
 
 
 def test_the_file_is_whole(record: Record, tmp_path: Path) -> None:
-    show(record(seconds=0.5).log(), Sink(tmp_path / "run.rrd"), SCALES)
+    show(record(seconds=0.5).log(), Destination(tmp_path / "run.rrd"), SCALES)
     rerun("rrd", "verify", tmp_path / "run.rrd")
 
 
@@ -57,14 +57,14 @@ def test_a_flight_with_silent_wires_is_shown(wires: dict[str, tuple], tmp_path: 
     with Recorder() as recorder:
         for wire, arguments in wires.items():
             getattr(recorder, wire)(*arguments)
-    show(recorder.log(), Sink(tmp_path / "run.rrd"), SCALES)
+    show(recorder.log(), Destination(tmp_path / "run.rrd"), SCALES)
     rerun("rrd", "verify", tmp_path / "run.rrd")
 
 
 def test_a_missing_viewer_is_told_and_does_not_stop_the_flight(
     record: Record, free_port: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    live = Live(Sink(port=free_port), SCALES)
+    live = Live(Destination(port=free_port), SCALES)
     record(seconds=1.2, listeners=[live])
     live.close()
     (told,) = caplog.records
@@ -82,7 +82,7 @@ def test_a_viewer_that_dies_does_not_stop_the_flight(record: Record, free_port: 
     )
     try:
         _wait_for(free_port)
-        live = Live(Sink(port=free_port), SCALES)
+        live = Live(Destination(port=free_port), SCALES)
         record(seconds=0.8, listeners=[live])
     finally:
         os.killpg(viewer.pid, signal.SIGKILL)
@@ -95,14 +95,14 @@ MUTE = """
 import socket, sys, time
 from pathlib import Path
 from heli_twin.recording import Recorder
-from heli_twin.viewing import live, sinks
+from heli_twin.viewing import delivery, live
 from heli_twin.viewing.blueprint import Scales
 import numpy as np
 from controllers.signals import Pose
-live.FAREWELL = 0.2
+live.SHUTDOWN_TIMEOUT_S = 0.2
 mute = socket.create_server(("127.0.0.1", 0))
 began = time.monotonic()
-pictures = live.Live(sinks.Sink(port=mute.getsockname()[1]), Scales())
+pictures = live.Live(delivery.Destination(port=mute.getsockname()[1]), Scales())
 with Recorder(listeners=[pictures]) as recorder:
     for t in range(0, 200 * 10**9, 20_000_000):
         recorder.pose(t, Pose(t, np.zeros(3), np.zeros(4)))
@@ -126,10 +126,8 @@ import socket, sys
 from threading import Thread
 from heli_twin.viewing import show
 from heli_twin.cli import main
-from heli_twin.commands.replay import quiet
-quiet()
-from heli_twin.viewing import sinks
-sinks.ANSWER = 0.5
+from heli_twin.viewing import delivery
+delivery.ANSWER_TIMEOUT_S = 0.5
 server = socket.create_server(("127.0.0.1", 0))
 show.VIEWER_PORT = server.getsockname()[1]
 def serve():
@@ -159,7 +157,7 @@ def test_a_viewer_follows_the_flight_to_its_end(record: Record) -> None:
     # A viewer that finds nothing to draw with may die as late as that.
     try:
         with headless((300, 200)) as (port, viewer):
-            live = Live(Sink(port=port), SCALES)
+            live = Live(Destination(port=port), SCALES)
             record(seconds=2.3, listeners=[live])
             live.close()
             time.sleep(1)
@@ -181,7 +179,7 @@ def _wait_for(port: int) -> None:
 def test_a_picture_that_cannot_be_drawn_is_told_and_the_flight_goes_on(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    live = Live(Sink(tmp_path / "run.rrd"), SCALES)
+    live = Live(Destination(tmp_path / "run.rrd"), SCALES)
     live("/truth", 0, b"not a truth")
     live("/truth", 600_000_000, b"not a truth")
     live("/truth", 1_200_000_000, b"not a truth")
@@ -191,12 +189,12 @@ def test_a_picture_that_cannot_be_drawn_is_told_and_the_flight_goes_on(
 
 def test_showing_without_a_viewer_says_how_to_start_one(free_port: int) -> None:
     with pytest.raises(LogError, match=f"no viewer listens on port {free_port}: start one with"):
-        show(Log({}), Sink(port=free_port), SCALES)
+        show(Log({}), Destination(port=free_port), SCALES)
 
 
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="cannot be written to"):
-        Live(Sink(tmp_path), SCALES)
+        Live(Destination(tmp_path), SCALES)
 
 
 def test_a_full_disk_costs_no_picture_that_was_there(record: Record, tmp_path: Path) -> None:
@@ -206,7 +204,7 @@ def test_a_full_disk_costs_no_picture_that_was_there(record: Record, tmp_path: P
     resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, hard))
     try:
         with pytest.raises(LogError, match="File too large"):
-            show(log, Sink(tmp_path / "run.rrd"), SCALES)
+            show(log, Destination(tmp_path / "run.rrd"), SCALES)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]

@@ -13,12 +13,14 @@ from hypothesis import strategies as st
 from rerun.experimental import ViewerClient
 
 from heli_twin.cli import main
+from heli_twin.experiment.differences import differences
 from heli_twin.experiment.text import changed, load
 from heli_twin.mission import fly
 from heli_twin.recording import Log, Recorder
-from heli_twin.viewing.blueprint import Scales
-from heli_twin.viewing.show import differences, flown_as_seen
-from heli_twin.viewing.two_flights import Difference, Run, difference, document
+from heli_twin.viewing.blueprint import Scales, layout
+from heli_twin.viewing.show import with_truth
+from heli_twin.viewing.style import Source
+from heli_twin.viewing.two_flights import ComparedFlight, difference, document
 
 Record = Callable[..., Recorder]
 RERUN = Path(sys.executable).with_name("rerun")
@@ -123,11 +125,12 @@ def test_two_logs_are_replayed_into_one_file(runs: list[Path], tmp_path: Path) -
 
 
 def test_the_picture_tells_what_differs(record: Record) -> None:
-    runs = [Run(record(seconds=0.3).log(), Scales(), name) for name in ("a.mcap", "b|c.mcap")]
-    text = document(runs, [Difference("plant.mass", "0.028", "0.031")])
+    runs = [ComparedFlight(record(seconds=0.3).log(), Scales(), name) for name in ("a.mcap", "b|c.mcap")]
+    text = document(runs, [("plant.mass", "0.028", "0.031")])
     assert text.splitlines()[2:] == [
         "| file | a.mcap | b/c.mcap |",
         "| outcome | landed | landed |",
+        "| positions by | truth | truth |",
         "| plant.mass | 0.028 | 0.031 |",
     ]
     assert "| experiment | the same | the same |" in document(runs, [])
@@ -136,14 +139,14 @@ def test_the_picture_tells_what_differs(record: Record) -> None:
 def test_poses_without_truth_are_replayed_as_the_flight(record: Record) -> None:
     log = record(seconds=1.0).log()
     alone = Log({topic: messages for topic, messages in log.messages.items() if topic == "/mocap/pose"})
-    seen, pose = flown_as_seen(alone).truth, log.pose
+    seen, pose = with_truth(alone).truth, log.pose
     stamps, first = np.unique(pose.stamp, return_index=True)
     np.testing.assert_array_equal(seen.time, stamps)
     np.testing.assert_array_equal(seen.position, pose.position[first])
     yaw = np.interp(1e-9 * seen.time, 1e-9 * log.truth.time, log.truth.yaw)
     # The circle's noise is in position only; the heading is read off a quaternion that banks 0.1 rad.
     np.testing.assert_allclose(seen.yaw, yaw, rtol=0, atol=1e-9)
-    assert flown_as_seen(log) is log
+    assert with_truth(log) is log
 
 
 # --- a picture without a screen
@@ -212,3 +215,41 @@ def test_a_size_is_two_numbers(size: str, capsys: pytest.CaptureFixture[str]) ->
     with pytest.raises(SystemExit):
         main(["snapshot", "run.mcap", "shot.png", "--size", size])
     assert "such as 1600x900" in capsys.readouterr().err
+
+
+# --- a recording of which nobody knows the truth
+
+
+@pytest.fixture
+def imported(tmp_path: Path) -> Path:
+    rows = [f"{0.01 * i},{0.01 * i},0,1,0" for i in range(50)]
+    (tmp_path / "poses.csv").write_text("\n".join(["time,x,y,z,yaw", *rows, ""]))
+    assert main(["import", str(tmp_path / "poses.csv")]) == 0
+    return tmp_path / "poses.mcap"
+
+
+def series_names(saved: Path) -> list[str]:
+    """The names of the lines of the plots of x, from a Rerun file."""
+    said = subprocess.run([RERUN, "rrd", "print", "-vvv", saved], capture_output=True, text=True, check=True).stdout
+    return [name for name in ("truth", "cameras") if f"[{name}]" in said]
+
+
+def test_of_an_imported_recording_the_cameras_are_shown_and_no_truth(
+    imported: Path, runs: list[Path], tmp_path: Path
+) -> None:
+    for log, name in ((imported, "cameras"), (runs[0], "truth")):
+        saved = tmp_path / f"{name}.rrd"
+        assert main(["replay", str(log), "--save", str(saved)]) == 0
+        assert series_names(saved) == [name]
+    saved = tmp_path / "both.rrd"
+    assert main(["replay", str(imported), str(runs[0]), "--save", str(saved)]) == 0
+    said = subprocess.run([RERUN, "rrd", "print", saved], capture_output=True, text=True, check=True).stdout
+    assert "/A/position/x/cameras" in said
+    assert "/B/position/x/truth" in said
+    assert "/A/position/x/truth" not in said
+
+
+@pytest.mark.parametrize(("source", "words"), [("truth", "blue flown"), ("cameras", "blue seen by the cameras")])
+def test_the_title_says_who_saw_the_flight(source: Source, words: str) -> None:
+    scene = layout(Scales(source=source)).root_container.contents[0].contents[0]
+    assert words in scene.name
