@@ -155,8 +155,8 @@ def fly_all(folder: Path, flights: Sequence[Task], progress: Callable[[], None] 
     """
     from heli_twin.whole_file import write_whole
     from heli_twin.workers.engine import Trouble, flown
-    from heli_twin.workers.fleet import stoppable
     from heli_twin.workers.pebble_pool import PebblePool
+    from heli_twin.workers.stopping import stoppable
 
     rows: dict[str, Row] = {}
     with stoppable(), PebblePool() as pool:

@@ -20,7 +20,7 @@ from heli_twin.studies.study import Study, study_tree
 from heli_twin.studies.work import fly_task
 from heli_twin.whole_file import write_whole
 from heli_twin.workers.engine import Backend, Done, Trouble, Work, flown
-from heli_twin.workers.fleet import stoppable
+from heli_twin.workers.stopping import stoppable
 from heli_twin.workers.task import Task
 
 RUNS_PER_TRANSACTION = 256

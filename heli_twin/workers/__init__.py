@@ -1,1 +1,1 @@
-"""Many flights on many processes, of one machine or a cluster."""
+"""Many flights in many processes, on one machine or on a cluster."""

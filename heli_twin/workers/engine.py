@@ -1,40 +1,47 @@
-"""One loop over futures, whatever flies them: a bounded window in flight, a second try, and no run can hurt another."""
+"""Runs a sequence of tasks on any backend: a bounded number at a time, a second try, and no run can harm another."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 from heli_twin.workers.task import Flown, Task
 
-DEPTH = 3
-"""Runs in flight a worker: enough to keep it busy, few enough to lose little."""
-TRIES = 2
+RUNS_PER_WORKER = 3
+"""Runs submitted per worker at one time: enough to keep it busy, few enough to lose little when it dies."""
+MAX_TRIES = 2
+"""How often a run is flown that brings no row back."""
+POLL_PERIOD_S = 5.0
+"""How often to check whether workers have joined or left."""
 
 Work = Callable[[Task], Flown]
 
 
 class Trouble(NamedTuple):
-    """A run that brought no row back."""
+    """Why a run brought no row back."""
 
-    outcome: str
-    """`killed` (its process died), `hung` (it took too long) or `error` (it raised)."""
+    outcome: Literal["killed", "hung", "error"]
+    """`killed`: its process died; `hung`: it took too long; `error`: it raised an exception."""
     text: str
     """One sentence."""
 
 
 class Backend(Protocol):
-    """What flies runs. A context manager: leaving it stops whatever is still flying."""
+    """Flies runs in other processes. A context manager: leaving it stops the runs that are still flying."""
 
     def workers(self) -> int:
-        """How many runs fly at the same time now."""
+        """How many runs can fly at the same time now."""
         ...
 
     def submit(self, work: Work, task: Task) -> "Future[Any]":
-        """Fly a run somewhere else. The future gives Flown or Trouble, or raises what became of it."""
+        """Fly a run in another process.
+
+        Returns:
+            A future with a `Flown` or a `Trouble`, or with the exception that ended the run.
+        """
         ...
 
     def trouble(self, error: BaseException) -> Trouble:
-        """What an exception of a future means."""
+        """Translate the exception of a future."""
         ...
 
     def __enter__(self) -> "Backend": ...
@@ -43,7 +50,7 @@ class Backend(Protocol):
 
 
 class Done(NamedTuple):
-    """One run that is over."""
+    """A run that is over."""
 
     task: Task
     result: Flown | Trouble
@@ -51,16 +58,22 @@ class Done(NamedTuple):
 
 
 def flown(backend: Backend, work: Work, tasks: Iterable[Task]) -> Iterator[Done]:
-    """Fly tasks, and give them back as they end, in any order.
+    """Fly tasks and yield them as they end, in any order.
 
-    Tasks are drawn when there is room for them. One that brings no row back flies once more before that is its result.
+    A task is taken from the iterable only when a worker has room for it. A run that brings no row back is flown once
+    more; if that fails too, its `Trouble` is the result.
+
+    Args:
+        backend: Where to fly.
+        work: What a worker does with a task; a function at the top level of a module, or a `functools.partial` of one.
+        tasks: What to fly.
     """
     waiting = iter(tasks)
     again: list[tuple[Task, int]] = []
     flying: dict[Future[Any], tuple[Task, int]] = {}
     more = True
     while more or again or flying:
-        room = DEPTH * max(1, backend.workers()) - len(flying)
+        room = RUNS_PER_WORKER * max(1, backend.workers()) - len(flying)
         while room > 0 and (again or more):
             task, tries = again.pop() if again else (next(waiting, None), 0)
             if task is None:
@@ -68,21 +81,17 @@ def flown(backend: Backend, work: Work, tasks: Iterable[Task]) -> Iterator[Done]
                 continue
             flying[backend.submit(work, task)] = (task, tries + 1)
             room -= 1
-        for future in wait(flying, timeout=PATIENCE, return_when=FIRST_COMPLETED).done:
+        for future in wait(flying, timeout=POLL_PERIOD_S, return_when=FIRST_COMPLETED).done:
             task, tries = flying.pop(future)
             result = _result(backend, future)
-            if isinstance(result, Trouble) and tries < TRIES:
+            if isinstance(result, Trouble) and tries < MAX_TRIES:
                 again.append((task, tries))
             else:
                 yield Done(task, result, tries)
 
 
-PATIENCE = 5.0
-"""s: how often to look whether workers have joined or left."""
-
-
 def _result(backend: Backend, future: "Future[Any]") -> Flown | Trouble:
-    error = future.exception() if not future.cancelled() else Trouble("killed", "it was called off")
-    if isinstance(error, Trouble):
-        return error
+    if future.cancelled():
+        return Trouble("killed", "it was cancelled")
+    error = future.exception()
     return backend.trouble(error) if error is not None else future.result()

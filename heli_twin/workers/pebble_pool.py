@@ -1,44 +1,50 @@
-"""All cores of this machine: processes by pebble, of which each can die, hang or leak without harm to the others."""
+"""All cores of this machine: processes by pebble, each of which can die, hang or leak without harm to the others."""
 
 import multiprocessing
 import os
+import signal
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import forkserver
 from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
+from threadpoolctl import threadpool_limits
 
-from heli_twin.workers.engine import Trouble, Work
-from heli_twin.workers.task import Task
+from heli_twin.errors import HeliTwinError
+from heli_twin.workers.engine import Trouble
+from heli_twin.workers.stopping import end_with_parent
 
-FLIGHTS_A_PROCESS = 200
-"""After so many a worker makes room for a fresh one, whatever its libraries have leaked."""
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-PRELOADED = ["heli_twin.mission", "heli_twin.studies.columns", "mujoco", "proxsuite", "numpy", "heli_twin.studies.work"]
-"""Loaded once in the process that workers are forked from; it never starts a thread or flies."""
+RUNS_PER_PROCESS = 200
+"""After so many runs a process is replaced by a fresh one, whatever its libraries have leaked."""
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+PRELOADED_MODULES = [
+    *("heli_twin.mission", "heli_twin.studies.columns", "mujoco", "proxsuite", "numpy", "heli_twin.studies.work")
+]
+"""Imported once in the process from which workers are forked; it never starts a thread or flies."""
 
 
 class PebblePool:
-    """A pool of processes.
+    """A pool of processes, which end with the context, and whenever this process dies.
 
     Args:
         processes: How many; None for one a core.
-        timeout: A run that takes longer, s, is ended.
+        timeout: A run that takes longer is ended, s; None for no limit.
     """
 
-    def __init__(self, processes: int | None = None, timeout: float = 300.0) -> None:
-        self._processes = processes or len(os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else [0])
+    def __init__(self, processes: int | None = None, timeout: float | None = 300.0) -> None:
+        self._processes = processes or cores()
         self._timeout = timeout
-        for name in ONE_THREAD:
-            os.environ.setdefault(name, "1")
         self._pool = self._new()
 
     def workers(self) -> int:
-        """One run a process."""
+        """One run per process."""
         return self._processes
 
-    def submit(self, work: Work, task: Task) -> "Future[Any]":
-        """Queue a run; a pool that broke while idle is replaced."""
+    def submit(self, work: Callable[[Any], Any], task: Any) -> "Future[Any]":
+        """Queue a run; a pool that broke while it was idle is replaced."""
         try:
             return self._pool.schedule(work, args=(task,), timeout=self._timeout)
         except RuntimeError:
@@ -46,10 +52,24 @@ class PebblePool:
             self._pool = self._new()
             return self._pool.schedule(work, args=(task,), timeout=self._timeout)
 
+    def map(self, work: Callable[[Any], Any], values: Iterable[Any]) -> Iterator[Any]:
+        """Apply a function to values at the same time, and yield the results in the order of the values.
+
+        Raises:
+            HeliTwinError: A process died. What the function itself raises is raised here too.
+        """
+        for future in [self.submit(work, value) for value in values]:
+            try:
+                result = future.result()
+            except (ProcessExpired, BrokenProcessPool) as error:
+                text = self.trouble(error).text
+                raise HeliTwinError(f"a flight was lost, {text}: free some memory and run it again") from None
+            yield result
+
     def trouble(self, error: BaseException) -> Trouble:
-        """By what pebble says of a run that did not return."""
+        """Translate what pebble says of a run that did not return."""
         if isinstance(error, ProcessExpired):
-            return Trouble("killed", f"its process died ({_exit(error.exitcode)})")
+            return Trouble("killed", f"its process died ({_exit_text(error.exitcode)})")
         if isinstance(error, TimeoutError):
             return Trouble("hung", f"it was not over after {self._timeout:g} s")
         if isinstance(error, BrokenProcessPool):
@@ -64,18 +84,42 @@ class PebblePool:
         self._pool.join()
 
     def _new(self) -> ProcessPool:
-        # A process forked from this one could inherit a lock that a thread holds.
+        # A process forked from this one could inherit a lock that another thread holds.
         methods = multiprocessing.get_all_start_methods()
         context: Any = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
         if "forkserver" in methods:
-            context.set_forkserver_preload(PRELOADED)
-        return ProcessPool(max_workers=self._processes, max_tasks=FLIGHTS_A_PROCESS, context=context)
+            context.set_forkserver_preload(PRELOADED_MODULES)
+            with _single_threaded_environment():
+                forkserver.ensure_running()
+        return ProcessPool(self._processes, max_tasks=RUNS_PER_PROCESS, initializer=_begin_worker, context=context)
 
 
-def _exit(code: int | None) -> str:
+def cores() -> int:
+    """How many cores this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def _begin_worker() -> None:
+    """What a worker process does first."""
+    end_with_parent()
+    threadpool_limits(limits=1)
+
+
+@contextmanager
+def _single_threaded_environment() -> Generator[None]:
+    """Let a process that is started inside load numerical libraries without threads; afterwards all is as before."""
+    added = [name for name in THREAD_VARIABLES if name not in os.environ]
+    os.environ.update(dict.fromkeys(added, "1"))
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+def _exit_text(code: int | None) -> str:
     """An exit code as a person knows it."""
-    import signal
-
     if code is not None and code < 0:
         return signal.Signals(-code).name
     return f"exit code {code}"

@@ -1,4 +1,4 @@
-"""A run for a worker, and what comes back."""
+"""A run that is sent to a worker process, and the result that comes back."""
 
 from typing import Any, NamedTuple
 
@@ -10,16 +10,19 @@ class Task(NamedTuple):
     experiment: str
     """Canonical JSON."""
     score: str
+    """The column of the row by which runs are ranked; a greater value is worse."""
     keep_log: bool
-    """Whatever comes of it."""
+    """Keep the log in any case."""
     keep_failed: bool
+    """Keep the log if the flight does not complete."""
     keep_above: float | None
-    """If it completes with a greater score; None: not for its score."""
+    """Keep the log if the flight completes with a greater score than this; None: do not look at the score."""
 
 
 class Flown(NamedTuple):
-    """What came of it."""
+    """The result of a run."""
 
     row: dict[str, Any]
+    """Its columns, such as `id`, `outcome` and the metrics."""
     log: bytes | None = None
-    """Its MCAP, if it is to be kept."""
+    """Its MCAP file, if it is to be kept."""

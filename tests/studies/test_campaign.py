@@ -22,7 +22,7 @@ from heli_twin.studies.results import rows_of
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_of, study_tree
 from heli_twin.studies.worst import experiment_by_id, worst_runs
-from heli_twin.workers.fleet import stoppable
+from heli_twin.workers.stopping import stoppable
 
 
 def two_processes(plan, timeout):
