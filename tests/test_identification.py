@@ -11,10 +11,10 @@ from controllers.trajectories.doublets import Doublets
 from controllers.trajectories.hover import Hover
 from heli_twin.cli import main
 from heli_twin.experiment.text import load
-from heli_twin.identification.data import GAP, stretches
+from heli_twin.identification.data import MAX_GAP_S, stretches
 from heli_twin.identification.figure import residual_figures
-from heli_twin.identification.fit import MEMORY, IdentificationError, half_widths
-from heli_twin.identification.flights import HEIGHT_AND_YAW, PLANE, experiments, fly_them
+from heli_twin.identification.fit import MEMORY_S, IdentificationError, half_widths
+from heli_twin.identification.flights import HEIGHT_AND_YAW_FLIGHTS, PLANE_FLIGHTS, experiments, fly_them
 from heli_twin.identification.identify import identify
 from heli_twin.mission import fly
 from heli_twin.reporting.svg import write_svg
@@ -94,7 +94,7 @@ def test_swapped_markers_and_lost_and_broken_frames_do_no_harm():
     columns = {"stamp": log.pose.stamp, "time": log.pose.time, "position": position, "quat_wxyz": quat}
     log.pose = SimpleNamespace(**{name: column[kept] for name, column in columns.items()})
     first, second = stretches(log, "flight")
-    assert second.time[0] - first.time[-1] > GAP
+    assert second.time[0] - first.time[-1] > MAX_GAP_S
     # Straight lines over the lost frames.
     assert max(map(abs, misses(found(log, other)).values())) < 0.005
 
@@ -164,12 +164,12 @@ def test_stretches_share_no_memory():
     X, residual = np.ones((400, 1)), np.tile([1.0, -1.0], 200)
     whole, split = (half_widths(X, residual, np.array(ends))[0] for ends in ([400], [100, 200, 400]))
     assert whole != split
-    assert round(MEMORY) == 3
+    assert round(MEMORY_S) == 3
 
 
 @pytest.fixture(scope="module")
 def lab_logs(tmp_path_factory):
-    flights = [replace(e, duration=0.6 * e.duration) for e in experiments(load("lab")) if e.seed in (0, PLANE)]
+    flights = [replace(e, duration=0.6 * e.duration) for e in experiments(load("lab")) if e.seed in (0, PLANE_FLIGHTS)]
     return fly_them(flights, tmp_path_factory.mktemp("flights"))
 
 
@@ -230,7 +230,7 @@ def test_logs_and_an_experiment_together_are_a_mistake(lab_logs, capsys):
 
 def test_every_flight_has_gusts_of_its_own():
     flights = experiments(load("lab", ["seed=5", "trajectory=doublets", "trajectory.x=0.5"]))
-    assert [e.seed for e in flights] == list(range(5, 5 + PLANE + HEIGHT_AND_YAW))
+    assert [e.seed for e in flights] == list(range(5, 5 + PLANE_FLIGHTS + HEIGHT_AND_YAW_FLIGHTS))
     assert {e.trajectory.x for e in flights} == {0.5}
 
 

@@ -85,11 +85,12 @@ def _flown(words: list[str], folder: Path) -> list[Path]:
 
 def _save(found: "Identified", out: Path | None, model: Path | None) -> list[Path]:
     """Write what was asked for; returns the files."""
+    from heli_twin.whole_file import write_whole
+
     saved: list[Path] = []
     try:
         for path in filter(None, (model, out / "model.toml" if out else None)):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(found.as_toml(), encoding="utf-8")
+            write_whole(path, found.as_toml().encode())
             saved.append(path)
         if out:
             from heli_twin.identification.figure import residual_figures

@@ -40,7 +40,7 @@ def run(parsed: Namespace) -> int:
     import numpy as np
 
     from heli_twin.logbook import flown_experiment, opened
-    from heli_twin.reanalysis.reestimate import TOLERANCE, largest_difference, reestimate, same_bits
+    from heli_twin.reanalysis.reestimate import ESTIMATE_TOLERANCE, largest_difference, reestimate, same_bits
 
     log = opened(parsed.log)
     again = reestimate(log, parsed.overrides)
@@ -56,7 +56,7 @@ def run(parsed: Namespace) -> int:
     with np.errstate(all="ignore"):
         show_errors(log, again)
         show_consistency(log, again)
-    return 0 if difference <= TOLERANCE else 1
+    return 0 if difference <= ESTIMATE_TOLERANCE else 1
 
 
 def show_errors(log: "Log", again: "Reestimation") -> None:

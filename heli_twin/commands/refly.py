@@ -68,7 +68,7 @@ def run(parsed: Namespace) -> int:
 def judge(again: "Refly") -> None:
     """Print whether the second flight is the first."""
     from heli_twin.logbook import is_recovered, physics_notice
-    from heli_twin.reanalysis.refly import HEADING, POSITION
+    from heli_twin.reanalysis.refly import POSITION_TOLERANCE_M, YAW_TOLERANCE_RAD
 
     log, result = again.logged, again.result
     if again.difference is None:
@@ -85,9 +85,10 @@ def judge(again: "Refly") -> None:
         print(f"  logged      {plain(repr(ours))}\n  flown again {plain(repr(theirs))}{apart}")
         print(
             f"  the helicopters were at most {1000 * again.position_deviation:.3g} mm and"
-            f" {57.29578 * again.heading_deviation:.3g} deg apart"
+            f" {57.29578 * again.yaw_deviation:.3g} deg apart"
             f" ({plain(log.outcome)}, {result.outcome.kind} again);"
-            f" other hosts and builds may differ by {1000 * POSITION:g} mm and {57.29578 * HEADING:g} deg"
+            f" other hosts and builds may differ by {1000 * POSITION_TOLERANCE_M:g} mm and"
+            f" {57.29578 * YAW_TOLERANCE_RAD:g} deg"
         )
     for key, (then, now) in again.platforms.items():
         print(f"  {plain(key)}: logged {plain(then) or 'none'}, now {plain(now) or 'none'}")

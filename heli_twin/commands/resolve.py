@@ -38,7 +38,7 @@ def run(parsed: Namespace) -> int:
     import numpy as np
 
     from heli_twin.logbook import ORIGIN, flown_experiment, opened
-    from heli_twin.reanalysis.resolve import TOLERANCE, resolve, write
+    from heli_twin.reanalysis.resolve import INPUT_TOLERANCE, resolve, write
     from heli_twin.whole_file import free_path
 
     log = opened(parsed.log)
@@ -51,7 +51,7 @@ def run(parsed: Namespace) -> int:
         path = free_path((parsed.log_dir or parsed.log.parent) / f"{parsed.log.stem}.resolved.mcap")
         write(log, resolution, path)
         print(f"wrote {path}: inputs and plans are new, all else is as flown")
-    return 0 if differs or abs(resolution.difference).max() <= TOLERANCE else 1
+    return 0 if differs or abs(resolution.difference).max() <= INPUT_TOLERANCE else 1
 
 
 def report(log: "Log", resolution: "Resolution") -> None:

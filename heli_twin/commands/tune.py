@@ -46,18 +46,20 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 def run(parsed: Namespace) -> int:
     """Tune, print, save."""
     from heli_twin.experiment.text import load
-    from heli_twin.tuning.search import BUDGET
+    from heli_twin.tuning.search import DEFAULT_BUDGET
+    from heli_twin.whole_file import write_whole
 
-    budget = BUDGET if parsed.budget is None else parsed.budget
+    budget = DEFAULT_BUDGET if parsed.budget is None else parsed.budget
     if budget < 1:
-        raise HeliTwinError(f"--budget {budget} leaves nothing to try: 1 judges the start, {BUDGET} is the default")
+        raise HeliTwinError(
+            f"--budget {budget} leaves nothing to try: 1 judges the start, {DEFAULT_BUDGET} is the default"
+        )
     source, overrides = experiment_arguments(parsed)
     found = _tuned(load(source, [f"controller={KINDS[parsed.controller]}", *overrides]), budget)
     text = toml(found, pasteable("heli-twin", "tune", parsed.controller, *parsed.experiment, "--budget", budget))
     if parsed.save:
         try:
-            parsed.save.parent.mkdir(parents=True, exist_ok=True)
-            parsed.save.write_text(text, encoding="utf-8")
+            write_whole(parsed.save, text.encode())
         except OSError as error:
             raise HeliTwinError(f"cannot write {parsed.save}: {error.strerror}") from None
     if parsed.json:

@@ -1,7 +1,7 @@
-"""Gains and damping of the helicopter from flight logs: what `heli-twin identify` finds.
+"""Gains and damping of the helicopter, identified from flight logs by `heli-twin identify`.
 
-`flights.py` says what to fly, `data.py` makes equations of poses and commands, `fit.py` solves them, `identify.py` puts
-them together and `figure.py` draws what is left over.
+`flights.py` defines the flights, `data.py` turns poses and commands into equations, `fit.py` solves them, `identify.py`
+puts the axes together and `figure.py` plots the residuals.
 
 Source: Kunz, Huck, Summers, ECC 2013, section on identification, (27).
 """

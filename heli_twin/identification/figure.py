@@ -1,28 +1,28 @@
-"""Residual plots of an identification: one figure an axis, as values that `studies.report.drawing` draws."""
+"""Residual plots of an identification, one figure per axis, as values that `reporting` draws."""
 
 import numpy as np
 
 from controllers.model import GRAVITY
 from controllers.signals import Array
-from heli_twin.identification.data import ROW
-from heli_twin.identification.fit import MEMORY, AxisFit
+from heli_twin.identification.data import ROW_S
+from heli_twin.identification.fit import MEMORY_S, AxisFit
 from heli_twin.identification.identify import Identified
 from heli_twin.reporting.figure import Curve, Figure, Panel
 
-SHOWN = 25.0
-"""Length of the piece of flight that is drawn, s."""
+SHOWN_S = 25.0
+"""Length of the piece of flight that is plotted."""
 UNITS = {"x": "m/s²", "y": "m/s²", "z": "m/s²", "yaw": "rad/s²"}
 
 
-def residual_figures(found: Identified) -> list[Figure]:
-    """A figure of each axis: fit, residual, its distribution and its memory."""
-    return [_figure(axis, fit) for axis, fit in found.fits.items()]
+def residual_figures(identified: Identified) -> list[Figure]:
+    """One figure per axis: fit, residual, distribution and autocorrelation of the residual."""
+    return [_figure(axis, fit) for axis, fit in identified.fits.items()]
 
 
 def _figure(axis: str, fit: AxisFit) -> Figure:
-    shown = fit.time[0] < fit.time[0][0] + SHOWN
+    shown = fit.time[0] < fit.time[0][0] + SHOWN_S
     time, accel, residual = fit.time[0][shown], fit.accel[0][shown], fit.residual[0][shown]
-    # In z the equation has gravity in it, which nobody wants to see.
+    # The equation of z contains gravity, which would hide the rest.
     accel = accel - (GRAVITY if axis == "z" else 0.0)
     unit = UNITS[axis]
     fitted = Panel(
@@ -38,13 +38,13 @@ def _figure(axis: str, fit: AxisFit) -> Figure:
     return Figure(
         name=f"residuals-{axis}",
         title=f"Residuals of {axis}",
-        sentence="What the identified model leaves of the acceleration: gusts last, so that it has a memory.",
-        panels=[fitted, left, _distribution(fit, unit), _memory(fit)],
+        sentence="Acceleration that the model does not explain: gusts last, so that it is correlated in time.",
+        panels=[fitted, left, _distribution(fit, unit), _correlation(fit)],
     )
 
 
 def _distribution(fit: AxisFit, unit: str) -> Panel:
-    """All residuals against the normal distribution of their size."""
+    """The distribution of all residuals, beside the normal distribution with their rms."""
     residual, size = np.concatenate(fit.residual), fit.residual_rms
     edges = np.linspace(-4.0 * size, 4.0 * size, 41)
     density = np.histogram(residual, edges, density=True)[0].astype(np.float64)
@@ -58,20 +58,21 @@ def _distribution(fit: AxisFit, unit: str) -> Panel:
     return Panel("distribution", unit, "density", marks)
 
 
-def _memory(fit: AxisFit) -> Panel:
-    """Autocorrelation, as far as the intervals look."""
-    lags = np.arange(2.0 * MEMORY / ROW)
+def _correlation(fit: AxisFit) -> Panel:
+    """Autocorrelation of the residuals, up to twice the lag that the intervals take into account."""
+    lags = np.arange(2.0 * MEMORY_S / ROW_S)
     of_residual = _autocorrelation(fit.residual)
     n = sum(map(len, fit.residual))
     noise = np.full(len(lags), 1.96 / np.sqrt(n))
     marks = [
-        Curve("residual", ROW * lags, of_residual, style="steps", color=2),
-        Curve("none, 95 %", ROW * lags, np.zeros(len(lags)), -noise, noise, style="dashes", color=7),
+        Curve("residual", ROW_S * lags, of_residual, style="steps", color=2),
+        Curve("none, 95 %", ROW_S * lags, np.zeros(len(lags)), -noise, noise, style="dashes", color=7),
     ]
-    return Panel(f"memory; intervals look back {MEMORY:g} s", "lag (s)", "autocorrelation", marks)
+    title = f"autocorrelation; intervals take it into account up to {MEMORY_S:g} s"
+    return Panel(title, "lag (s)", "autocorrelation", marks)
 
 
 def _autocorrelation(pieces: tuple[Array, ...]) -> Array:
-    lags = range(round(2.0 * MEMORY / ROW))
+    lags = range(round(2.0 * MEMORY_S / ROW_S))
     power = sum(float(piece @ piece) for piece in pieces)
     return np.array([sum(float(p[lag:] @ p[: len(p) - lag]) for p in pieces) / power for lag in lags])

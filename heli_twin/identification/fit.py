@@ -1,18 +1,18 @@
-"""Least squares on one axis of (1), with intervals that know of gusts, and a refusal of logs that say too little.
+"""Least squares on one axis of (1), with intervals that allow for gusts; logs that say too little are refused.
 
 Along every stretch of every log, and through a smooth window (see `data`),
 
-    accel(t) = b u(late) + k speed(t) + push + residual
+    accel(t) = b u(t - delay) + k speed(t) + push + residual
 
-The input acts late, by a delay of which a part may be a first-order lag: radio, servo, attitude, rotor, everything
-that (1) leaves out. Both are fitted, so that they do not bias b and k, and the delay is reported. The push is a trim
-that is off or a draught, one a stretch.
+The input acts after a delay, part of which may be a first-order lag: radio, servo, attitude, rotor, everything that (1)
+leaves out. Delay and lag are fitted, so that they do not bias b and k, and the delay is reported. The push is constant
+within a stretch: a wrong trim or a draught.
 
-Residuals are gusts that last, not noise that averages out: intervals are Newey and West's, whose sums of lagged
-products reach over `MEMORY`, with critical values for that many lags; to each half-width `LEFT_OUT` of the value is
-added for what (1) leaves out besides. Measured on 36 flights of a minute in the plane and 12 of 40 s in height and
-heading of the default twin, each identified by itself: 94 % of the intervals held the estimators' own mean before
-that was added, and the means were within 1.1 % of (27), b_y furthest.
+Residuals are gusts, which are correlated in time: intervals are Newey and West's, whose sums of lagged products reach
+over `MEMORY_S`, with critical values for that many lags; `MODEL_ERROR` of the value is added to each half-width for
+other effects that (1) leaves out. Measured on 36 flights of 60 s in the plane and 12 of 40 s in height and yaw of the
+default twin, each identified by itself: 94 % of the intervals contained the estimators' own mean before that was added,
+and the means were within 1.1 % of (27), b_y furthest.
 
 Sources: Kunz, Huck, Summers, ECC 2013, (1), (27); Newey and West, Econometrica 1987; Kiefer and Vogelsang,
 Econometric Theory 2005 (fixed-b critical values).
@@ -25,18 +25,18 @@ import numpy as np
 
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
-from heli_twin.identification.data import GRID, ROW, Equation, Stretch
+from heli_twin.identification.data import GRID_S, ROW_S, Equation, Stretch
 
-MEMORY = 3.0
-"""Residuals further apart than this, s, are taken for independent: four times what a gust in a room lasts."""
-LEFT_OUT = 0.01
-"""Bias of b and k, as a share of them, that tilting about two axes at once and overshooting attitude may leave."""
-LATEST = 0.4
-"""Longest delay that is looked for, s."""
+MEMORY_S = 3.0
+"""Residuals further apart than this are taken as independent: four times the correlation time of a gust in a room."""
+MODEL_ERROR = 0.01
+"""Bias of b and k, as a share of them, that tilting about two axes at once and overshooting attitude can cause."""
+MAX_DELAY_S = 0.4
+"""Longest delay that is searched."""
 
 
 class IdentificationError(HeliTwinError):
-    """Logs that do not say what was asked of them."""
+    """The logs say too little, or what they say is wrong; the message is one sentence."""
 
 
 class Parameter(NamedTuple):
@@ -48,10 +48,10 @@ class Parameter(NamedTuple):
 
 
 class Needs(NamedTuple):
-    """The least that has to happen on an axis for an answer."""
+    """The least excitation of an axis that gives an answer."""
 
     input: float
-    """Standard deviation of the input, full stick."""
+    """Standard deviation of the input, fraction of full stick."""
     input_name: str
 
 
@@ -61,20 +61,24 @@ NEEDS = {
     "z": Needs(0.015, "thrust input"),
     "yaw": Needs(0.02, "yaw input"),
 }
-"""About a third of what the doublets of the default experiments do."""
-DISTINCT = 0.02
-"""Share of the input's variance that nothing else in the regression may explain."""
-WIDEST = 0.2
-"""Half-width of an interval over its value that still is an answer; for a k near 0, the same in 1/s over 2."""
+"""About a third of the excitation by the doublets of the default experiments."""
+MIN_OWN_VARIANCE = 0.02
+"""Least share of the input's variance that the other regressors must leave unexplained."""
+SMALLEST_DIRECTION = 0.1
+"""Least singular value, over the greatest, of a direction of push that is fitted: about 0.2 rad of yaw."""
+MAX_RELATIVE_HALF_WIDTH = 0.2
+"""Greatest half-width of an interval, over the value; for k over 0.5 1/s at least."""
+SMALLEST_K_SCALE = 0.5
+"""1/s."""
 REMEDY = "`heli-twin identify` without logs flies such doublets, and any flight of `trajectory=doublets` can be added"
 
 
 class AxisFit(NamedTuple):
-    """What the logs say of one axis."""
+    """The identified parameters of one axis, and what the fit leaves."""
 
     b: Parameter
     k: Parameter | None
-    """None in z."""
+    """None in z, which has no damping in (1)."""
     delay: Parameter
     """From a command to its effect, s, lag included."""
     lag: float
@@ -82,9 +86,9 @@ class AxisFit(NamedTuple):
     time: tuple[Array, ...]
     """Per stretch: s."""
     accel: tuple[Array, ...]
-    """Per stretch: the left-hand side through the window."""
+    """Per stretch: the windowed left-hand side."""
     residual: tuple[Array, ...]
-    """Per stretch: what the fit leaves of it."""
+    """Per stretch: left-hand side minus fit."""
 
     @property
     def explained(self) -> float:
@@ -94,28 +98,34 @@ class AxisFit(NamedTuple):
 
     @property
     def residual_rms(self) -> float:
-        """m/s^2 or rad/s^2."""
+        """Root mean square of the residuals, m/s^2 or rad/s^2."""
         return float(np.sqrt(np.mean(np.concatenate(self.residual) ** 2)))
 
 
 def fit_axis(axis: str, pieces: Sequence[Stretch]) -> AxisFit:
-    """Identify one axis from the stretches that excite it: on others its input answers noise only.
+    """Identify one axis from the stretches that excite it; on others its input only reacts to noise.
+
+    Args:
+        axis: x, y, z or yaw.
+        pieces: Stretches of all flights.
 
     Raises:
-        IdentificationError: They say too little; the message says what was found and what is needed.
+        IdentificationError: They say too little; the message names the value and the limit.
+
+    Source: Kunz, Huck, Summers, ECC 2013, (1), (27).
     """
     pieces = excited(axis, pieces)
     equations = [piece.axes[axis] for piece in pieces]
     accel = np.concatenate([e.accel for e in equations])
     ends = np.cumsum([len(e.accel) for e in equations])
-    delay, lag = _lateness(equations, accel)
+    delay, lag = _delay_and_lag(equations, accel)
     X = _columns(equations, delay, lag)
     theta, residual = _solve(X, accel)
     slopes = _slopes(equations, delay, lag, theta[0])
     half = half_widths(np.column_stack([X, slopes[:, :1] if lag == 0.0 else slopes]), residual, ends)
 
     def parameter(i: int) -> Parameter:
-        width = float(half[i] + LEFT_OUT * abs(theta[i]))
+        width = float(half[i] + MODEL_ERROR * abs(theta[i]))
         return Parameter(float(theta[i]), float(theta[i]) - width, float(theta[i]) + width)
 
     width = float(half[len(theta)])
@@ -132,22 +142,22 @@ def fit_axis(axis: str, pieces: Sequence[Stretch]) -> AxisFit:
     return fit
 
 
-def _lateness(equations: Sequence[Equation], accel: Array) -> tuple[float, float]:
-    """The delay and its lag, s, with the smallest residuals: Gauss-Newton from the best delay of a grid."""
+def _delay_and_lag(equations: Sequence[Equation], accel: Array) -> tuple[float, float]:
+    """Delay, s, and the part of it that is a lag, s, with the smallest residuals: Gauss-Newton from a grid search."""
 
     def misfit(delay: float) -> float:
         return float(np.sum(_solve(_columns(equations, delay, 0.0), accel)[1] ** 2))
 
-    delay, lag = float(min(np.arange(0.0, LATEST, 0.02), key=misfit)), 0.02
+    delay, lag = float(min(np.arange(0.0, MAX_DELAY_S, 0.02), key=misfit)), 0.02
     for _ in range(10):
         X = _columns(equations, delay, lag)
         theta, residual = _solve(X, accel)
         slopes = _slopes(equations, delay, lag, theta[0])
         step = _solve(np.column_stack([X, slopes]), residual)[0][-2:]
         if lag + step[1] < 0.0:
-            # At its bound the lag is given, and the delay alone is sought.
+            # At its bound the lag is fixed, and only the delay is changed.
             step = np.append(_solve(np.column_stack([X, slopes[:, :1]]), residual)[0][-1], -lag)
-        delay = float(np.clip(delay + step[0], -GRID, LATEST))
+        delay = float(np.clip(delay + step[0], -GRID_S, MAX_DELAY_S))
         lag = float(np.clip(lag + step[1], 0.0, max(delay, 0.0)))
         if abs(step).max() < 1e-6:
             break
@@ -155,10 +165,10 @@ def _lateness(equations: Sequence[Equation], accel: Array) -> tuple[float, float
 
 
 def _slopes(equations: Sequence[Equation], delay: float, lag: float, b: float) -> Array:
-    """How the right-hand side (n, 2) changes with the delay and with the lag, per s."""
-    at = [(delay + GRID, lag), (delay - GRID, lag), (delay, lag + GRID), (delay, max(lag - GRID, 0.0))]
+    """Derivatives (n, 2) of the right-hand side with respect to the delay and the lag, per s."""
+    at = [(delay + GRID_S, lag), (delay - GRID_S, lag), (delay, lag + GRID_S), (delay, max(lag - GRID_S, 0.0))]
     later, sooner, slower, quicker = (np.concatenate([e.input(*a) for e in equations]) for a in at)
-    return b * np.column_stack([(later - sooner) / (2.0 * GRID), (slower - quicker) / (GRID + min(lag, GRID))])
+    return b * np.column_stack([(later - sooner) / (2.0 * GRID_S), (slower - quicker) / (GRID_S + min(lag, GRID_S))])
 
 
 def _solve(X: Array, y: Array) -> tuple[Array, Array]:
@@ -168,7 +178,7 @@ def _solve(X: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _columns(equations: Sequence[Equation], delay: float, lag: float) -> Array:
-    """The regressors: input, speed if any, and the pushes of each stretch."""
+    """The regressors (n, p): input, speed if any, and the pushes of each stretch."""
     moving, pushes = [], []
     for e in equations:
         now = e.input(delay, lag)
@@ -182,20 +192,22 @@ def _columns(equations: Sequence[Equation], delay: float, lag: float) -> Array:
 
 
 def _directions(push: Array) -> Array:
-    """The directions of a push that can be told apart: two only where the helicopter turned."""
+    """The independent directions (n, 1 or 2) of a push: two only where the helicopter turned enough."""
     U, size, _ = np.linalg.svd(push, full_matrices=False)
-    return U[:, size > 0.1 * size[0]] * size[0]
+    return U[:, size > SMALLEST_DIRECTION * size[0]] * size[0]
 
 
 def half_widths(X: Array, residual: Array, ends: Array) -> Array:
-    """Half-widths of the 95 % intervals of least squares whose residuals have a memory.
+    """Half-widths (p,) of the 95 % intervals of least squares whose residuals are correlated in time.
 
     Args:
         X: (n, p) regressors.
         residual: (n,).
-        ends: Row after the last of each stretch; across these nothing is remembered.
+        ends: Row after the last of each stretch; residuals of different stretches are independent.
+
+    Source: Newey and West, Econometrica 1987; Kiefer and Vogelsang, Econometric Theory 2005 (critical value).
     """
-    n, lags = len(X), round(MEMORY / ROW)
+    n, lags = len(X), round(MEMORY_S / ROW_S)
     moments = X * residual[:, None]
     S = moments.T @ moments
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
@@ -212,10 +224,10 @@ def excited(axis: str, pieces: Sequence[Stretch]) -> list[Stretch]:
     """The stretches that excite an axis.
 
     Raises:
-        IdentificationError: There is none; the message says what was found and what is needed.
+        IdentificationError: There is none; the message names the value and the limit.
     """
     needs, best, same = NEEDS[axis], 0.0, 0.0
-    found: list[Stretch] = []
+    usable: list[Stretch] = []
     for piece in pieces:
         e = piece.axes[axis]
         steady, u = _directions(e.push), e.input(0.1, 0.0)
@@ -226,11 +238,11 @@ def excited(axis: str, pieces: Sequence[Stretch]) -> list[Stretch]:
         if e.speed is not None:
             alone = _solve(np.column_stack([steady, e.speed]), u)[1]
             same = 1.0 - float(alone.var() / own.var())
-            if same > 1.0 - DISTINCT:
+            if same > 1.0 - MIN_OWN_VARIANCE:
                 continue
-        found.append(piece)
-    if found:
-        return found
+        usable.append(piece)
+    if usable:
+        return usable
     if best < needs.input:
         raise IdentificationError(
             f"{axis} is hardly excited: its {needs.input_name} varies by {best:.3f} of full stick, {needs.input:g} is "
@@ -238,15 +250,15 @@ def excited(axis: str, pieces: Sequence[Stretch]) -> list[Stretch]:
         )
     raise IdentificationError(
         f"gain and damping of {axis} cannot be told apart: its speed explains {100 * same:.1f} % of its "
-        f"{needs.input_name}, at most {100 * (1 - DISTINCT):.0f} % is needed; {REMEDY}"
+        f"{needs.input_name}, at most {100 * (1 - MIN_OWN_VARIANCE):.0f} % is allowed; {REMEDY}"
     )
 
 
 def check_answer(axis: str, fit: AxisFit) -> None:
-    """Refuse an answer with the wrong sign, or too vague to fly on.
+    """Refuse an answer with the wrong sign, or with too wide an interval.
 
     Raises:
-        IdentificationError: What was found and what is needed.
+        IdentificationError: The message names the value and the limit.
     """
     b, k = fit.b, fit.k
     if b.value <= 0.0:
@@ -254,11 +266,12 @@ def check_answer(axis: str, fit: AxisFit) -> None:
             f"{axis} accelerates against its input (b_{axis} = {b.value:.3g}): check the signs of the logged commands "
             "and the frame of the poses (x north, y west, z up)"
         )
-    least = {f"b_{axis}": (b, b.value)} | ({f"k_{axis}": (k, max(-k.value, 0.5))} if k else {})
-    for name, (found, scale) in least.items():
-        width = 0.5 * (found.high - found.low)
-        if width > WIDEST * scale:
+    least = {f"b_{axis}": (b, b.value)} | ({f"k_{axis}": (k, max(-k.value, SMALLEST_K_SCALE))} if k else {})
+    for name, (parameter, scale) in least.items():
+        width = 0.5 * (parameter.high - parameter.low)
+        if width > MAX_RELATIVE_HALF_WIDTH * scale:
             raise IdentificationError(
-                f"{name} is too vague: {found.value:.3g} +- {width:.2g} was found, +- {WIDEST * scale:.2g} is needed; "
+                f"{name} is too uncertain: it is {parameter.value:.3g} +- {width:.2g}, and +- "
+                f"{MAX_RELATIVE_HALF_WIDTH * scale:.2g} is allowed; "
                 f"add longer flights that move {axis} more: {REMEDY}"
             )

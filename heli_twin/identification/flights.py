@@ -1,4 +1,4 @@
-"""The flights that `heli-twin identify` flies when it is given no logs: doublets, and what to do if one fails."""
+"""The flights that `heli-twin identify` flies when it is given no logs: doublets on every axis."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,34 +10,37 @@ from heli_twin.experiment import Experiment
 from heli_twin.identification.fit import IdentificationError
 from heli_twin.workers.fleet import fleet
 
-PLANE, HEIGHT_AND_YAW = 6, 2
-"""How many flights of each kind."""
-SECONDS = {"plane": 60.0, "height_and_yaw": 40.0}
-"""How long each lasts. Gusts of 0.25 m/s push as hard as the drag of a slow flight: six minutes of doublets bring k_x
-and k_y within 2 % (one standard deviation), which falls with the root of the time. Height and yaw need a tenth."""
+PLANE_FLIGHTS, HEIGHT_AND_YAW_FLIGHTS = 6, 2
+DURATION_S = {"plane": 60.0, "height_and_yaw": 40.0}
+"""Duration of each flight. Gusts of 0.25 m/s push as hard as the drag of a slow flight: after six minutes of doublets
+the standard deviation of k_x and k_y is 2 %, and it falls with the root of the time. Height and yaw need a tenth of
+that."""
 
 
 def experiments(base: Experiment) -> list[Experiment]:
     """The flights of an identification.
 
-    Everything but the trajectory, the duration and the seed is as in `base`: the controller too, which may believe
-    what it likes as long as it flies. Where `base` flies doublets, theirs are flown.
+    Args:
+        base: The lab to fly in. Everything but the trajectory, the duration and the seed is taken from it, also the
+            controller, whose model need not be right; if it flies doublets, their sizes are kept.
     """
     doublets = base.trajectory if isinstance(base.trajectory, Doublets) else Doublets()
-    flights = [replace(doublets, axes="plane")] * PLANE + [replace(doublets, axes="height_and_yaw")] * HEIGHT_AND_YAW
+    flights = [replace(doublets, axes="plane")] * PLANE_FLIGHTS + [
+        replace(doublets, axes="height_and_yaw")
+    ] * HEIGHT_AND_YAW_FLIGHTS
     return [
-        replace(base, trajectory=flight, duration=SECONDS[flight.axes], seed=base.seed + i)
+        replace(base, trajectory=flight, duration=DURATION_S[flight.axes], seed=base.seed + i)
         for i, flight in enumerate(flights)
     ]
 
 
 def fly_them(flights: list[Experiment], folder: Path, progress: Callable[[], None] = lambda: None) -> list[Path]:
-    """Fly, several at a time.
+    """Fly several experiments at a time, and keep their logs.
 
     Args:
         flights: What to fly.
-        folder: Where their logs go.
-        progress: Told of every flight that is over.
+        folder: Where the logs go.
+        progress: Called after every flight.
 
     Returns:
         The logs, in the order of the flights.

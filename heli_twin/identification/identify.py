@@ -1,6 +1,6 @@
-"""Gains and damping of the helicopter from flight logs: what `heli-twin identify` finds, and how it is handed on.
+"""Gains and damping of the helicopter from flight logs, as a value, as JSON and as TOML.
 
-The paper's step responses and least squares, made to work through gusts and noise, see `fit`.
+The paper's step responses and least squares, extended to work with gusts and noise, see `fit`.
 
 Source: Kunz, Huck, Summers, ECC 2013, section on identification, (27).
 """
@@ -14,22 +14,22 @@ from heli_twin.recording import Log
 
 
 class Identified(NamedTuple):
-    """A helicopter as its logs show it."""
+    """A helicopter, identified from its logs."""
 
     fits: dict[str, AxisFit]
     logs: tuple[str, ...]
     seconds: float
-    """Of flight that was used."""
+    """Length of the flight that was used."""
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """By the names of controllers.model.Model."""
-        found = {}
+        """Estimates by the names of `controllers.model.Model`."""
+        parameters = {}
         for axis, fit in self.fits.items():
-            found[f"b_{axis}"] = fit.b
+            parameters[f"b_{axis}"] = fit.b
             if fit.k is not None:
-                found[f"k_{axis}"] = fit.k
-        return found
+                parameters[f"k_{axis}"] = fit.k
+        return parameters
 
     def as_json(self) -> dict[str, Any]:
         """The result as `heli-twin identify --json` prints it."""
@@ -46,20 +46,22 @@ class Identified(NamedTuple):
         """A table for `heli-twin fly`: a file of its own, or `controller.model=FILE.toml`."""
         lines = ["# identified from flight logs; 95 % intervals behind", "[controller.model]"]
         for name, p in self.parameters.items():
-            # (1) has no negative damping: an estimate of none may come out on either side of 0.
+            # The model (1) has no negative damping: an estimate of zero damping may come out on either side of 0.
             value = min(p.value, 0.0) if name.startswith("k") else p.value
             lines.append(f"{name} = {value:.5g}  # {p.low:.5g} to {p.high:.5g}")
         return "\n".join(lines) + "\n"
 
 
 def identify(logs: Iterable[tuple[str, Log]]) -> Identified:
-    """Identify (27) from flights.
+    """Identify gains and damping (27) from flights.
 
     Args:
         logs: Name and log of each flight.
 
     Raises:
-        IdentificationError: They say too little of an axis; the message names it, what was found and what is needed.
+        IdentificationError: They say too little about an axis; the message names the axis, the value and the limit.
+
+    Source: Kunz, Huck, Summers, ECC 2013, (27).
     """
     names: list[str] = []
     pieces: list[Stretch] = []
@@ -76,5 +78,5 @@ def identify(logs: Iterable[tuple[str, Log]]) -> Identified:
 
 
 def as_json(p: Parameter) -> dict[str, Any]:
-    """An estimate for programs."""
+    """An estimate and its interval, for programs."""
     return {"value": p.value, "interval": [p.low, p.high]}

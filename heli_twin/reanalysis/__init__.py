@@ -1,1 +1,1 @@
-"""A recorded flight worked through again: flown, its control problems solved, its poses estimated."""
+"""Repeat a recorded flight, its control problems or its state estimation, from the log alone."""

@@ -1,8 +1,10 @@
-"""The estimator run again on the poses and commands of a log: how far from the truth, and does it know?
+"""Run the estimator again on the poses and commands of a log: its error and its consistency.
 
-A consistent filter's squared errors, over the covariance it claims, follow chi-squared: of position and velocity
-(NEES, needs the truth) and of what each pose brought that was not predicted (NIS, needs the poses only). The samples
-of one flight hang together in time, so that shares inside the 95 % bounds scatter more than independent ones would.
+The errors of a consistent filter, squared and normalised by its covariance, follow a chi-squared distribution: the
+errors of position and velocity (NEES, needs the truth) and the innovations (NIS, needs the poses only). Samples of one
+flight are correlated in time, so that shares inside the 95 % bounds scatter more than those of independent samples.
+
+Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from controllers.estimators import Estimator
+from controllers.rotations import rotate_to_world, wrap_angle
 from controllers.signals import Array, Estimate, Pose, nanoseconds
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
@@ -23,19 +26,19 @@ from heli_twin.recording import Log
 from heli_twin.recording.log import Estimates, Times, Truths
 
 CHI2_95 = {1: (9.821e-4, 5.0239), 2: (0.050636, 7.3778), 4: (0.48442, 11.1433), 8: (2.17973, 17.5345)}
-"""By degrees of freedom: the 2.5 % and 97.5 % quantiles of chi-squared."""
-TOLERANCE = 1e-9
-"""SI: what an estimate may differ by on another host or build, where sums are rounded in another order."""
+"""The 2.5 % and 97.5 % quantiles of chi-squared, by degrees of freedom."""
+ESTIMATE_TOLERANCE = 1e-9
+"""Allowed difference of an estimate on another host or build, where sums are rounded in another order, SI."""
 MAX_STEPS = 4_000_000
-"""Control steps on a log that says neither when it estimated nor when it sent."""
+"""Limit of control steps on a log that has neither estimates nor commands, whose times would say how many there are."""
 
 
 @runtime_checkable
-class Accountable(Protocol):
-    """An estimator that says how sure it is."""
+class HasCovariance(Protocol):
+    """An estimator that states its covariance."""
 
     innovation: tuple[Array, Array] | None
-    """Of the last pose: measured minus predicted x y z yaw (4,), and its variance (4,)."""
+    """Measured minus predicted x y z (m) and yaw (rad) (4,) of the last pose, and the variance (4,) of that."""
 
     def covariance(self, until: int) -> Array:
         """Covariances (4, 3, 3) of position, velocity and disturbance of each axis at `until` (ns)."""
@@ -43,32 +46,32 @@ class Accountable(Protocol):
 
 
 class Consistency(NamedTuple):
-    """Squared errors over the variance claimed for them."""
+    """Squared errors, normalised by the covariance that the estimator states."""
 
     freedom: int
-    """Degrees of freedom: the mean that a consistent filter has."""
+    """Degrees of freedom, which is also the mean of a consistent filter."""
     values: Array
     """(n,)."""
 
     @property
     def inside(self) -> float:
-        """Share inside the 95 % bounds; 0.95 for a consistent filter."""
+        """Share of the values inside the 95 % bounds; 0.95 for a consistent filter."""
         low, high = CHI2_95[self.freedom]
         return float(((self.values >= low) & (self.values <= high)).mean())
 
 
 @dataclass(frozen=True)
 class Reestimation:
-    """An estimator's second run."""
+    """The estimates of a log's estimator, run again."""
 
     experiment: Experiment
     estimates: Estimates
     covariance: Array
-    """(n, 4, 3, 3) of position, velocity and disturbance, axes x y z yaw; NaN from an estimator that has none."""
+    """(n, 4, 3, 3) of position, velocity and disturbance, axes x y z yaw; NaN if the estimator states none."""
     innovation: Array
-    """(m, 4) measured minus predicted x y z (m) and yaw (rad), refused poses included."""
+    """(m, 4) measured minus predicted x y z (m) and yaw (rad), rejected poses included."""
     innovation_variance: Array
-    """(m, 4)."""
+    """(m, 4) m^2 and rad^2."""
 
     @np.errstate(all="ignore")
     def nis(self) -> Consistency:
@@ -91,20 +94,20 @@ def reestimate(log: Log, overrides: Sequence[str] = ()) -> Reestimation:
 
     Args:
         log: Any log with poses.
-        overrides: Changes, `estimator.path=value` or, for what it believes, `controller.model.path=value`.
+        overrides: Changes, `estimator.path=value` or, of the model it predicts with, `controller.model.path=value`.
 
     Raises:
-        HeliTwinError: The log has no poses, or an override changes something else.
+        HeliTwinError: The log has no poses, or an override belongs to another part.
     """
     for text in overrides:
         path = text.partition("=")[0].strip()
         if path.split(".")[0] != "estimator" and not path.startswith("controller.model."):
-            raise HeliTwinError(f"{path} is no matter of the estimator: change estimator.* or controller.model.*")
+            raise HeliTwinError(f"{path} does not belong to the estimator: change estimator.* or controller.model.*")
     experiment = changed(flown_experiment(log), overrides)
     if not len(log.pose.time):
         raise HeliTwinError("the log has no poses: there is nothing to estimate from")
     estimator = experiment.estimator.start(experiment.controller.model)
-    run = _Run(estimator)
+    run = _EstimatorRun(estimator)
     try:
         with threadpool_limits(limits=1), np.errstate(all="ignore"):
             for t, asked, sent in _steps(log, nanoseconds(experiment.controller.period)):
@@ -115,7 +118,7 @@ def reestimate(log: Log, overrides: Sequence[str] = ()) -> Reestimation:
 
 
 def _steps(log: Log, period: int) -> Iterator[tuple[int, bool, int]]:
-    """Time, whether an estimate is asked for, and the index of the command sent then, or -1."""
+    """Time, ns, whether an estimate is due, and the index of the command that was sent then, or -1."""
     asked = log.estimate.time if len(log.estimate.time) else log.sent.time
     if not len(asked):
         end = int(log.pose.time.max())
@@ -128,8 +131,8 @@ def _steps(log: Log, period: int) -> Iterator[tuple[int, bool, int]]:
         yield t, t in asked_set, sent.get(t, -1)
 
 
-class _Run:
-    """An estimator under way, and what it said."""
+class _EstimatorRun:
+    """An estimator that is running, and its estimates so far."""
 
     def __init__(self, estimator: Estimator) -> None:
         self._estimator = estimator
@@ -140,23 +143,21 @@ class _Run:
         self._innovations: list[tuple[Array, Array]] = []
 
     def step(self, t: int, log: Log, asked: bool, sent: int) -> None:
-        """What the ground station did at time t (ns): take in what has arrived, estimate, send."""
+        """Repeat the ground station's step at time t (ns): receive the poses that have arrived, estimate, send."""
         pose, estimator = log.pose, self._estimator
         while self._next_pose < len(pose.time) and pose.time[self._next_pose] <= t:
             i = self._next_pose
             self._next_pose += 1
             seen = Pose(int(pose.stamp[i]), pose.position[i], pose.quat_wxyz[i])
             estimator.receive(int(pose.time[i]), seen)
-            if isinstance(estimator, Accountable) and estimator.innovation is not None:
+            if isinstance(estimator, HasCovariance) and estimator.innovation is not None:
                 self._innovations.append(estimator.innovation)
         estimate = estimator.estimate(t) if asked else None
         if estimate is not None:
             self._times.append(t)
             self._estimates.append(estimate)
-            accountable = isinstance(estimator, Accountable)
-            self._covariances.append(
-                estimator.covariance(estimate.stamp) if accountable else np.full((4, 3, 3), np.nan)
-            )
+            known = isinstance(estimator, HasCovariance)
+            self._covariances.append(estimator.covariance(estimate.stamp) if known else np.full((4, 3, 3), np.nan))
         if sent >= 0:
             estimator.command_sent(t, log.sent.u[sent])
 
@@ -173,10 +174,11 @@ class _Run:
 
 @np.errstate(all="ignore")
 def error(estimates: Estimates, truth: Truths) -> tuple[NDArray[np.intp], Array]:
-    """Estimates minus truth at the moments the estimates hold for, within the time that the truth is known.
+    """Estimates minus truth at the times for which the estimates hold, as far as the truth is known there.
 
     Returns:
-        Which estimates (n,), and (n, 4, 2) errors in position and velocity, x y z (world, m, m/s) and yaw (rad, rad/s).
+        Indices (n,) of these estimates, and (n, 4, 2) errors in position and velocity: x y z (world, m and m/s) and yaw
+        (rad and rad/s).
     """
     if len(truth.time) < 2:
         return np.empty(0, np.intp), np.empty((0, 4, 2))
@@ -185,15 +187,14 @@ def error(estimates: Estimates, truth: Truths) -> tuple[NDArray[np.intp], Array]
     velocity = np.column_stack([truth.velocity, truth.yaw_rate])
     true_position, true_velocity = _between(truth.stamp, position, velocity, estimates.stamp[inside])
     x = estimates.x[inside]
-    c, s = np.cos(x[:, 3]), np.sin(x[:, 3])
-    vx, vy = c * x[:, 4] - s * x[:, 5], s * x[:, 4] + c * x[:, 5]
-    off = x[:, :4] - true_position
-    off[:, 3] = (off[:, 3] + np.pi) % (2 * np.pi) - np.pi
-    return inside, np.stack([off, np.column_stack([vx, vy, x[:, 6], x[:, 7]]) - true_velocity], axis=2)
+    position_error = x[:, :4] - true_position
+    position_error[:, 3] = wrap_angle(position_error[:, 3])
+    velocity_world = np.column_stack([rotate_to_world(x[:, 4:6], x[:, 3]), x[:, 6:8]])
+    return inside, np.stack([position_error, velocity_world - true_velocity], axis=2)
 
 
 def _between(knots: Times, p: Array, v: Array, t: Times) -> tuple[Array, Array]:
-    """Position and velocity (n, k) at times t (n,), ns, along cubics with the positions and velocities at the knots."""
+    """Position and velocity (n, k) at times t (n,), ns, by cubic Hermite interpolation between the knots."""
     i = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
     h = (1e-9 * np.maximum(knots[i + 1] - knots[i], 1))[:, None]
     q = 1e-9 * (t - knots[i])[:, None] / h
@@ -203,7 +204,7 @@ def _between(knots: Times, p: Array, v: Array, t: Times) -> tuple[Array, Array]:
 
 
 def largest_difference(ours: Estimates, theirs: Estimates) -> float:
-    """Largest difference of two runs in any number, SI; infinite where their times or counts are not the same."""
+    """Largest difference of two runs in any number, SI; infinite if their times or counts are not the same."""
     exact = ("time", "stamp", "pose_stamp", "rejected")
     if any(getattr(ours, name).tolist() != getattr(theirs, name).tolist() for name in exact):
         return np.inf
@@ -212,5 +213,5 @@ def largest_difference(ours: Estimates, theirs: Estimates) -> float:
 
 
 def same_bits(ours: Estimates, theirs: Estimates) -> bool:
-    """Whether two runs are equal to the last bit."""
+    """Return whether two runs are equal to the last bit."""
     return all(a.tobytes() == b.tobytes() for a, b in zip(ours, theirs, strict=True))

@@ -1,18 +1,20 @@
-"""A flight flown again from its log alone, and where the second flight first differs from the first.
+"""Fly a log's experiment again, and find the first difference between the two flights.
 
 Two flights of one experiment are equal in every message but the measured times, on the same host and build. Other
-processors and libraries round differently: there the path flown has to agree within `POSITION` and `HEADING`.
+processors and libraries round differently: there the paths have to agree within `POSITION_TOLERANCE_M` and
+`YAW_TOLERANCE_RAD`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
 from google.protobuf.message import DecodeError, Message
 
+from controllers.rotations import wrap_angle
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.text import changed
 from heli_twin.logbook import ORIGIN, PHYSICS, flown_experiment, is_recovered, physics_notice
@@ -21,49 +23,52 @@ from heli_twin.recording import Log, flight_pb2
 from heli_twin.recording.log import Messages
 from heli_twin.recording.schema import TIMING, TOPICS, WIRES
 
-POSITION = 0.002
-"""m: tolerance between two machines. One thrust count that rounds the other way (2/682 of full stick for a frame of
-22 ms) leaves 1.2 mm/s, which the control loop turns into about a millimetre; rounding alone leaves below 1e-9 m."""
-HEADING = np.radians(0.5)
-"""rad: tolerance between two machines; a yaw count that rounds the other way leaves 0.1 deg."""
-_NO_BUILD = ("started", "processes", PHYSICS)
-"""Metadata of the log that are not host and build; the number of cores changes no digit."""
+POSITION_TOLERANCE_M = 0.002
+"""Between two machines. One thrust count that rounds the other way (2/682 of full stick for a radio frame of 22 ms)
+changes the speed by 1.2 mm/s and the position by about a millimetre; rounding alone changes it by less than 1e-9 m."""
+YAW_TOLERANCE_RAD = np.radians(0.5)
+"""Between two machines; a yaw count that rounds the other way changes the yaw by 0.1 deg."""
+_NOT_PLATFORM = ("started", "processes", PHYSICS)
+"""Metadata of a log that do not belong to host and build; the number of cores changes no result."""
+
+Verdict = Literal["identical", "within tolerance", "different"]
+"""`within tolerance` is possible only on another host, build or physics version."""
 
 
-class Difference(NamedTuple):
-    """Where two flights first differ."""
+class FirstDifference(NamedTuple):
+    """The first field in which two flights differ."""
 
     topic: str
     time: int
     """Simulated, ns."""
     field: str
-    """Name of the field, with the index of a number; what else differs in parentheses."""
+    """Name of the field, with an index if it is an array; in parentheses what differs if it is no field."""
     logged: Any
     reflown: Any
 
 
 @dataclass(frozen=True)
 class Refly:
-    """A flight and the flight that its log led to."""
+    """A logged flight, and the flight of its experiment again."""
 
     logged: Log
     result: Result
     overrides: tuple[str, ...]
-    difference: Difference | None
-    """None where all messages but the measured times are equal."""
+    difference: FirstDifference | None
+    """None if all messages but the measured times are equal."""
     platforms: Mapping[str, tuple[str, str]]
-    """Of host and build what is not the same: logged, and now."""
+    """Facts on host and build that are not the same: as logged, and now."""
     position_deviation: float
-    """Largest distance of the two helicopters at one time, m; infinite where they were never up together."""
-    heading_deviation: float
-    """Largest angle between their headings, rad."""
+    """Largest distance between the two helicopters at one time, m; infinite if their times have nothing in common."""
+    yaw_deviation: float
+    """Largest difference of their yaw at one time, rad."""
 
     @property
-    def verdict(self) -> str:
-        """`identical`, `within tolerance` (other host, build or physics version only) or `different`."""
+    def verdict(self) -> Verdict:
+        """How far the two flights agree."""
         if self.difference is None:
             return "identical"
-        near = self.position_deviation <= POSITION and self.heading_deviation <= HEADING
+        near = self.position_deviation <= POSITION_TOLERANCE_M and self.yaw_deviation <= YAW_TOLERANCE_RAD
         same_end = self.logged.outcome == self.result.log.outcome or is_recovered(self.logged)
         elsewhere = self.platforms or physics_notice(self.logged)
         return "within tolerance" if elsewhere and near and same_end else "different"
@@ -79,10 +84,10 @@ def refly(
     """Fly a log's experiment again.
 
     Args:
-        log: A flight of the twin; of one that was recovered, what is there is compared.
-        overrides: What to change, each `path.to.field=value`; the seeds stay.
+        log: A flight of the twin. A recovered log is compared as far as it goes.
+        overrides: Changes, each `path.to.field=value`; the seed stays unless it is changed too.
         log_dir: Folder for the new log; None keeps it in memory.
-        progress: Told the simulated time, s, at every control step.
+        progress: Called with the simulated time, s, at every control step.
 
     Raises:
         HeliTwinError: The log holds no flight that can be flown, or an override is wrong.
@@ -93,42 +98,43 @@ def refly(
     if origin == "resolve":
         raise HeliTwinError("the log holds counterfactual inputs: fly the log again that it was resolved from")
     result = fly(changed(flown_experiment(log), overrides), log_dir=log_dir, progress=progress)
-    position, heading = _deviation(log, result.log)
+    position_m, yaw_rad = _deviation(log, result.log)
     return Refly(
         log,
         result,
         tuple(overrides),
         first_difference(log, result.log),
         _platforms(log.metadata, result.log.metadata),
-        position,
-        heading,
+        position_m,
+        yaw_rad,
     )
 
 
-def first_difference(logged: Log, reflown: Log) -> Difference | None:
-    """The earliest message that is not the same, on the wire closest to the truth; measured times are left out."""
-    found: list[Difference] = []
+def first_difference(logged: Log, reflown: Log) -> FirstDifference | None:
+    """The earliest message that differs, measured times apart; at one time, of the first topic in `TOPICS`."""
+    differences: list[FirstDifference] = []
     for topic in (topic.name for topic in TOPICS if topic.name != TIMING):
         ours = logged.messages.get(topic, Messages((), ()))
         theirs = reflown.messages.get(topic, Messages((), ()))
         difference = _first_on(topic, ours, theirs, prefix=is_recovered(logged))
         if difference is not None:
-            found.append(difference)
-    return min(found, key=lambda difference: difference.time, default=None)
+            differences.append(difference)
+    return min(differences, key=lambda difference: difference.time, default=None)
 
 
-def _first_on(topic: str, logged: Messages, reflown: Messages, prefix: bool) -> Difference | None:
+def _first_on(topic: str, logged: Messages, reflown: Messages, prefix: bool) -> FirstDifference | None:
+    """The first difference on one topic; with `prefix`, the logged messages may end before the others."""
     for (t, data), (t_again, again) in zip(
         zip(logged.times, logged.data, strict=True), zip(reflown.times, reflown.data, strict=True), strict=False
     ):
         if t != t_again:
-            return Difference(topic, min(t, t_again), "(time of the message, ns)", t, t_again)
+            return FirstDifference(topic, min(t, t_again), "(time of the message, ns)", t, t_again)
         if data != again:
             return _field(topic, t, bytes(data), bytes(again))
     n, m = len(logged.times), len(reflown.times)
     if n < m and not prefix:
-        return Difference(topic, reflown.times[n], "(a message)", "missing", "there")
-    return Difference(topic, logged.times[m], "(a message)", "there", "missing") if m < n else None
+        return FirstDifference(topic, reflown.times[n], "(a message)", "missing", "there")
+    return FirstDifference(topic, logged.times[m], "(a message)", "there", "missing") if m < n else None
 
 
 _TYPES: Mapping[str, type[Message]] = {"/events": LogMessage} | {
@@ -138,9 +144,9 @@ _TYPES: Mapping[str, type[Message]] = {"/events": LogMessage} | {
 }
 
 
-def _field(topic: str, t: int, logged: bytes, reflown: bytes) -> Difference:
+def _field(topic: str, t: int, logged: bytes, reflown: bytes) -> FirstDifference:
     """The first field in which two messages differ."""
-    unknown = Difference(topic, t, "(the message)", f"{len(logged)} bytes", f"{len(reflown)} bytes")
+    unknown = FirstDifference(topic, t, "(the message)", f"{len(logged)} bytes", f"{len(reflown)} bytes")
     if topic not in _TYPES:
         return unknown
     try:
@@ -151,29 +157,29 @@ def _field(topic: str, t: int, logged: bytes, reflown: bytes) -> Difference:
         a, b = getattr(ours, field.name), getattr(theirs, field.name)
         if not field.is_repeated:
             if repr(a) != repr(b):
-                return Difference(topic, t, field.name, a, b)
+                return FirstDifference(topic, t, field.name, a, b)
             continue
         if len(a) != len(b):
-            return Difference(topic, t, f"(length of {field.name})", len(a), len(b))
+            return FirstDifference(topic, t, f"(length of {field.name})", len(a), len(b))
         unequal = (i for i, pair in enumerate(zip(a, b, strict=True)) if repr(pair[0]) != repr(pair[1]))
         i = next(unequal, None)
         if i is not None:
-            return Difference(topic, t, f"{field.name}[{i}]", a[i], b[i])
+            return FirstDifference(topic, t, f"{field.name}[{i}]", a[i], b[i])
     return unknown
 
 
 def _platforms(logged: Mapping[str, str], now: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    keys = sorted((logged.keys() | now.keys()) - set(_NO_BUILD))
+    keys = sorted((logged.keys() | now.keys()) - set(_NOT_PLATFORM))
     pairs = {key: (logged.get(key, "unknown"), now.get(key, "unknown")) for key in keys}
     return {key: pair for key, pair in pairs.items() if pair[0] != pair[1]}
 
 
 @np.errstate(all="ignore")
 def _deviation(logged: Log, reflown: Log) -> tuple[float, float]:
-    """Largest distance, m, and angle, rad, between the two helicopters at the times that both have."""
+    """Largest distance, m, and yaw difference, rad, between the two helicopters at the times that both logs have."""
     _, ours, theirs = np.intersect1d(logged.truth.time, reflown.truth.time, return_indices=True)
     if not len(ours):
         return np.inf, np.inf
     distance = np.linalg.norm(logged.truth.position[ours] - reflown.truth.position[theirs], axis=1)
-    turn = logged.truth.yaw[ours] - reflown.truth.yaw[theirs]
-    return float(distance.max()), float(np.abs((turn + np.pi) % (2 * np.pi) - np.pi).max())
+    yaw_difference = wrap_angle(logged.truth.yaw[ours] - reflown.truth.yaw[theirs])
+    return float(distance.max()), float(np.abs(yaw_difference).max())

@@ -1,8 +1,8 @@
-"""Every control problem of a log solved again, as it was or with another controller: what would it have done?
+"""Solve every control problem of a log again, as it was or with another controller.
 
-The estimates are the logged ones, so that nothing the new inputs would have changed is simulated: each is an answer
-to a moment that was really flown. The model is linearised along the logged nominal inputs where the log has them, and
-along the controller's own last plan elsewhere, as on a log that another controller flew.
+The estimates are the logged ones: the effect of the new inputs on the flight is not simulated, and each answer belongs
+to a moment that was really flown. The model is linearised along the logged nominal inputs if the log has them, else
+along the controller's own last plan, as on a log that another controller flew.
 """
 
 import heapq
@@ -27,8 +27,8 @@ from heli_twin.logbook import ORIGIN, begin_log, flown_experiment
 from heli_twin.recording import Log, LogError
 from heli_twin.recording.log import Times
 
-TOLERANCE = 1e-4
-"""Fraction of full stick: what u_0 may differ by on another host or build. The solver stops at 1e-5 and can stop one
+INPUT_TOLERANCE = 1e-4
+"""Allowed difference of u_0 on another host or build, fraction of full stick. The solver stops at 1e-5 and may stop one
 iteration sooner or later; the radio rounds to 3e-3."""
 
 
@@ -37,18 +37,18 @@ class Resolution:
     """A log's control problems, solved again."""
 
     experiment: Experiment
-    """As flown, with the other controller."""
+    """As flown, but with the controller that solved."""
     overrides: tuple[str, ...]
     time: Times
     """(n,) ns, of every logged estimate."""
     flown: Array
-    """(n, 4) inputs sent at the time; NaN before the first."""
+    """(n, 4) the inputs sent last at these times; NaN before the first."""
     commands: list[Command]
-    """(n,) answers."""
+    """(n,) the controller's answers."""
 
     @property
     def u(self) -> Array:
-        """(n, 4) inputs that would have been sent."""
+        """(n, 4) the inputs that would have been sent."""
         return np.array([command.u for command in self.commands]).reshape(-1, 4)
 
     @property
@@ -62,11 +62,11 @@ def resolve(log: Log, overrides: Sequence[str] = ()) -> Resolution:
 
     Args:
         log: Any log with estimates; its controller need not have been an MPC.
-        overrides: Changes of the controller, `controller.path=value` each. Another kind believes in the model and
-            has the period of the one that flew, unless told otherwise.
+        overrides: Changes of the controller, `controller.path=value` each. A controller of another kind gets the model
+            and the period of the one that flew, unless they are changed too.
 
     Raises:
-        HeliTwinError: The log has nothing to solve, or an override is not one of the controller.
+        HeliTwinError: The log has no estimates, or an override does not belong to the controller.
     """
     flown = flown_experiment(log)
     experiment = _with_controller(flown, overrides)
@@ -77,7 +77,7 @@ def resolve(log: Log, overrides: Sequence[str] = ()) -> Resolution:
             f"controller.period = {experiment.controller.period} s: the estimates were logged every"
             f" {flown.controller.period} s, and only at these times can problems be solved again"
         )
-    # As in flight: more threads add numbers in another order. Inputs of a hostile log may overflow.
+    # One thread as in flight: more would add numbers in another order. Numbers of a damaged log may overflow.
     with threadpool_limits(limits=1), np.errstate(all="ignore"):
         commands = list(_answers(log, experiment))
     flown_u = _held(log, log.estimate.time)
@@ -85,7 +85,7 @@ def resolve(log: Log, overrides: Sequence[str] = ()) -> Resolution:
 
 
 def _with_controller(flown: Experiment, overrides: Sequence[str]) -> Experiment:
-    """The experiment with another controller, which starts from what was believed in flight."""
+    """The experiment with another controller, which believes in the model of the one that flew."""
     word = next((text for text in overrides if "=" not in text), None)
     if word is not None:
         raise HeliTwinError(f"'{word}' is no change: write path=value, such as controller.horizon=12")
@@ -105,7 +105,7 @@ def _with_controller(flown: Experiment, overrides: Sequence[str]) -> Experiment:
 
 
 def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
-    """What the controller says to each logged estimate."""
+    """The controller's command for each logged estimate."""
     law = experiment.controller
     controller = law.start()
     preview = ReferencePreview(
@@ -140,11 +140,11 @@ def _held(log: Log, times: Times) -> Array:
 
 
 def write(log: Log, resolution: Resolution, path: Path) -> None:
-    """Write the new inputs and plans as a log of their own, in which all else is as it was flown.
+    """Write a log with the new inputs and plans, and with everything else as it was flown.
 
     `/truth`, `/mocap/pose`, `/estimate`, `/reference`, `/command/acting`, `/disturbance` and the events are those of
-    the flight; `/command/sent`, `/mpc/plan`, `/mpc/qp` and `/timing` are those of the other controller. So the two
-    logs replay side by side.
+    the flight; `/command/sent`, `/mpc/plan`, `/mpc/qp` and `/timing` are those of the other controller. The two logs
+    can be replayed side by side.
 
     Raises:
         LogError: The log exists already or cannot be written.
@@ -160,7 +160,7 @@ def write(log: Log, resolution: Resolution, path: Path) -> None:
             for row in heapq.merge(_flown_rows(log), _new_rows(resolution), key=lambda row: row.time):
                 getattr(recorder, row.wire)(row.time, *row.values)
         except (struct.error, ArithmeticError, ValueError) as error:
-            raise HeliTwinError(f"the log holds what no flight leaves, it cannot be copied: {error}") from error
+            raise HeliTwinError(f"the log cannot be copied, since no flight records such values: {error}") from error
         recorder.close(log.outcome, int(log.ending.get("time", "0")), text=log.ending.get("text", ""))
     if recorder.trouble:
         raise LogError(recorder.trouble)
@@ -176,7 +176,7 @@ class _Row(NamedTuple):
 
 
 def _flown_rows(log: Log) -> Iterator[_Row]:
-    """What is copied, in order of time and, at one time, of the flight."""
+    """The messages that are copied, in order of time and, at one time, in the order of the flight."""
     return heapq.merge(
         (_Row(int(t), "acting", (u, int(stamp))) for t, stamp, u in zip(*log.acting, strict=True)),
         _copies("disturbance", log.disturbance, Air),
@@ -195,7 +195,7 @@ def _copies(wire: str, columns: Iterable[Any], signal: Callable[..., Any]) -> It
 
 
 def _first_rows(log: Log) -> Iterator[_Row]:
-    """The reference, of which a log has the first row."""
+    """The messages of the reference; a log has its first row only."""
     for t, stamp, x, u in zip(*log.reference, strict=True):
         yield _Row(int(t), "reference", (Reference(int(stamp), x[None], u[None]),))
 

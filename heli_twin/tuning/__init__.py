@@ -1,1 +1,1 @@
-"""Tuning of the control laws on the nominal twin."""
+"""Tuning of the control laws on the twin."""

@@ -1,8 +1,7 @@
-"""How a controller came by its gains: the record that `heli-twin tune --save` leaves, and what a report says of it.
+"""The tuning record: `heli-twin tune --save` writes it, and reports say from it where a controller's gains come from.
 
-The record stands in the comment that the saved file begins with, so that the file flies as it is; as PEP 723 does for
-scripts, it is TOML between two lines of slashes. A study that names the file, `controller = "pid.toml"`, carries the
-record along as a plain table.
+The record is a comment at the head of the saved file, so that the file can be flown as it is; as in PEP 723, it is TOML
+between two marker lines. A study that names the file, `controller = "pid.toml"`, copies the record as a plain table.
 """
 
 import json
@@ -16,7 +15,7 @@ from heli_twin.experiment.differences import changes
 from heli_twin.experiment.tree import Tree, table_of
 
 Record = Mapping[str, Any]
-"""`controller`, the table that the tuning found, and whatever else there is to tell: trials, budget, seeds, ..."""
+"""`controller`, the table of the tuned controller, and facts about the tuning: trials, budget, seeds, ..."""
 
 _BLOCK = re.compile(r"^# /// tuning$\n((?:^# .*$\n)*?)^# ///$", re.MULTILINE)
 
@@ -34,26 +33,25 @@ def _toml(value: Any) -> str:
 
 
 def uncommented(text: str) -> str:
-    """The record in the comment of a TOML file, as TOML; empty where there is none."""
-    found = _BLOCK.search(text)
-    return re.sub(r"^# ", "", found[1], flags=re.MULTILINE) if found else ""
+    """The record in the comment of a TOML file, as TOML; empty if there is none."""
+    block = _BLOCK.search(text)
+    return re.sub(r"^# ", "", block[1], flags=re.MULTILINE) if block else ""
 
 
 def origin(law: ControlLaw, records: Iterable[Record] = ()) -> str:
-    """Where a controller's gains come from, as far as anything says so.
+    """Say in words where a controller's gains come from.
 
-    A controller that is what a record found, but for its `model`, was tuned as the record tells. Any other is its
-    class with some fields changed, of whose tuning nothing is known; the last paragraph of the class's docstring says
-    where its defaults come from.
+    A controller that equals a record's, apart from its `model`, was tuned as the record says. Any other is described as
+    its class with some fields changed; the last paragraph of the class's docstring says where the defaults come from.
     """
     mine, default = table_of(law), table_of(type(law)())
     for record in records:
-        found = default | dict(record["controller"])
-        if found | {"model": mine["model"]} == mine:
+        tuned = default | dict(record["controller"])
+        if tuned | {"model": mine["model"]} == mine:
             facts = [
                 f"{name.replace('_', ' ')} {_shown(value)}" for name, value in record.items() if name != "controller"
             ]
-            return f"{mine['kind']}, tuned{_but_for(mine, found)}: {', '.join(facts)}"
+            return f"{mine['kind']}, tuned{_but_for(mine, tuned)}: {', '.join(facts)}"
     words = " ".join((getdoc(type(law)) or "").split("\n\n")[-1].split())
     differs = _but_for(mine, default)
     return f"{mine['kind']}, default values{differs + ', no tuning record' if differs else ''}: \u201c{words}\u201d"

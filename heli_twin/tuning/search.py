@@ -1,17 +1,19 @@
-"""Tuning on the twin: a bounded search that asks every axis at once, and a cost that both controllers share.
+"""Tuning on the twin: a bounded pattern search over all axes at once, with one cost for both controllers.
 
-The yardstick is the MPC's own cost (26) with the paper's weights (30), without its integral states: the PID is tuned
-to be as good at the MPC's game as it can. It is a sum over the axes, so that one flight judges a change on each.
+The cost is the MPC's own (26) with the paper's weights (30), without its integral states: the PID is tuned to be as
+good as it can at what the MPC minimises. It is a sum over the axes, so that one flight judges a change on each axis.
 
-The search is what a careful person does by hand. In a round, every gain of an axis is tried larger and smaller by the
-same factor, all axes in the same flights; an axis takes the change that lowers its share of the cost most, or halves
-its step where none does. The same flights with the same gusts judge every trial, so that differences are the gains'.
+In a round, every gain of an axis is tried larger and smaller by the same factor, all axes in the same flights; an axis
+takes the change that lowers its share of the cost most, or halves its step where none does. All trials are judged by
+the same flights with the same gusts, so that differences in cost come from the gains.
 
-A PID shall keep a gain margin of two: its cost is that of its gains, or half of what all of them doubled cost, if that
-is more. An MPC has no such knob, and its plan knows the delays.
+A PID has to keep a gain margin of two: its cost is that of its gains, or half the cost with all gains doubled, if that
+is greater. An MPC has no such single gain, and its plan takes the delays into account.
 
-The flight is a series of quick moves along each axis, under gusts, of the helicopter that the experiment says (the
-nominal one, unless overridden): neither the trajectories nor the seeds that results are reported on.
+The flight is a series of quick moves along each axis, under gusts, of the helicopter of the experiment (the nominal
+one, unless overridden). Results are reported on other trajectories and other seeds.
+
+Source: Kunz, Huck, Summers, ECC 2013, (26), (30).
 """
 
 from collections.abc import Callable
@@ -23,6 +25,7 @@ import numpy as np
 
 from controllers.laws.ltv_mpc import LtvMpc
 from controllers.laws.pid import Pid
+from controllers.rotations import rotate_to_body, rotate_to_world, wrap_angle
 from controllers.trajectories.waypoints import Point, Waypoints
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
@@ -30,19 +33,22 @@ from heli_twin.experiment.tree import table_of
 from heli_twin.metrics.tracking import AXES
 from heli_twin.recording import Log
 from heli_twin.tuning.ultimate_gain import Ultimate
-from heli_twin.workers.fleet import Run
+from heli_twin.workers.fleet import ParallelMap
 
-SEEDS = (9001, 9002)
-"""Added to the experiment's own: gusts that no result is reported on."""
-BUDGET = 37
-"""Trials, each one flight a seed, and for a PID one with doubled gains."""
-STEP = log(1.6)
-"""First change of a gain, as a logarithm; the last is a sixteenth of it at the least."""
-REACH = log(8.0)
-"""A gain stays within this factor of where it started."""
-INTEGRAL_CUT = 3.0
-"""Ziegler and Nichols' integral gain over what the search starts from: theirs answers loads, and overshoots."""
-LOST = 1e6
+SEED_OFFSETS = (9001, 9002)
+"""Added to the experiment's seed: gusts on which no result is reported."""
+DEFAULT_BUDGET = 37
+"""Trials; each is one flight per seed, and for a PID one more with doubled gains."""
+FIRST_STEP_LOG = log(1.6)
+"""First change of a gain, as the logarithm of a factor; it is halved down to a sixteenth."""
+SMALLEST_STEP_LOG = FIRST_STEP_LOG / 16.0
+REACH_LOG = log(8.0)
+"""A gain stays within this factor of its start, as a logarithm."""
+INTEGRAL_DIVISOR = 3.0
+"""The search starts from Ziegler and Nichols' integral gain over this: theirs rejects loads quickly, and overshoots."""
+LEAST_GAIN = 0.001
+"""Share of the cost by which a change has to lower it to be taken."""
+FAILED_COST = 1e6
 """Cost of a trial whose flight ended early."""
 CRITERION = "the MPC's cost (26) with the paper's weights, on quick moves under gusts"
 
@@ -54,50 +60,52 @@ _MOVES: tuple[Point, ...] = (
     (0.3, 0.3, 1.2, 0.5),
     (0.0, 0.0, 1.0, 0.0),
 )
-MOVE, REST = 1.2, 2.8
-"""How long a move takes, and how long the helicopter stands before the next, s."""
+MOVE_S, REST_S = 1.2, 2.8
+"""How long a move takes, and how long the helicopter rests before the next one."""
 
 Law = Pid | LtvMpc
 Gains = dict[str, dict[str, float]]
-"""By axis, then by name."""
+"""Values by axis, then by name."""
 
 
 def moves() -> Waypoints:
-    """A third of a metre ahead, to port and up, half a radian round, and all the way back."""
+    """The path to fly: 0.3 m ahead, 0.3 m to port, 0.2 m up, 0.5 rad of yaw, and back to the start."""
     points, times = [_MOVES[0]], [0.0]
     for there in _MOVES[1:]:
         points += [points[-1], there]
-        times += [times[-1] + REST, times[-1] + REST + MOVE]
-    return Waypoints(points=(*points, points[-1]), times=(*times, times[-1] + REST))
+        times += [times[-1] + REST_S, times[-1] + REST_S + MOVE_S]
+    return Waypoints(points=(*points, points[-1]), times=(*times, times[-1] + REST_S))
 
 
 def shares(flight: Log) -> dict[str, float]:
     """The cost (26) of a flight with the paper's weights, per control step, split by axis.
 
-    Position and velocity errors are of the truth, as the nose points; the integral states are left out.
+    Errors of position and velocity are against the truth, in the axes of the body; the integral states are left out.
+
+    Returns:
+        The cost of each axis x, y, z, yaw.
+
+    Source: Kunz, Huck, Summers, ECC 2013, (26), (30).
     """
     truth, reference, sent = flight.truth, flight.reference, flight.sent
     stamps = np.intersect1d(np.intersect1d(truth.stamp, reference.stamp), sent.stamp)
     rows = [np.searchsorted(wire.stamp, stamps) for wire in (truth, reference, sent)]
     yaw, x_ref = truth.yaw[rows[0]], reference.x[rows[1]]
-    c, s = np.cos(yaw), np.sin(yaw)
     error = np.column_stack([truth.position, truth.yaw])[rows[0]] - x_ref[:, :4]
-    error[:, 3] = (error[:, 3] + np.pi) % (2 * np.pi) - np.pi
-    c_ref, s_ref = np.cos(x_ref[:, 3]), np.sin(x_ref[:, 3])
-    vx, vy, vz = x_ref[:, 4:7].T
-    world_ref = np.column_stack([c_ref * vx - s_ref * vy, s_ref * vx + c_ref * vy, vz, x_ref[:, 7]])
-    speed = np.column_stack([truth.velocity, truth.yaw_rate])[rows[0]] - world_ref
-    for e in (error, speed):
-        e[:, 0], e[:, 1] = c * e[:, 0] + s * e[:, 1], c * e[:, 1] - s * e[:, 0]
+    error[:, 3] = wrap_angle(error[:, 3])
+    velocity_ref = np.column_stack([rotate_to_world(x_ref[:, 4:6], x_ref[:, 3]), x_ref[:, 6:8]])
+    velocity_error = np.column_stack([truth.velocity, truth.yaw_rate])[rows[0]] - velocity_ref
+    for e in (error, velocity_error):
+        e[:, :2] = rotate_to_body(e[:, :2], yaw)
     effort = sent.u[rows[2]] - reference.u[rows[1]]
     weights = LtvMpc()
     Q, R = np.array(weights.Q), np.array(weights.R)
-    cost = (Q[:4] * error**2 + Q[4:8] * speed**2 + R * effort**2).mean(axis=0)
+    cost = (Q[:4] * error**2 + Q[4:8] * velocity_error**2 + R * effort**2).mean(axis=0)
     return dict(zip(AXES, cost.tolist(), strict=True))
 
 
 class Trial(NamedTuple):
-    """Gains that were tried, and what they cost on each axis."""
+    """Gains that were tried, and their cost on each axis."""
 
     gains: Gains
     cost: dict[str, float]
@@ -115,7 +123,7 @@ class Tuned:
     seeds: tuple[int, ...]
     """Of the gusts."""
     ultimates: tuple[Ultimate, ...] = ()
-    """What the search of a PID started from."""
+    """The ultimate gains from which the search of a PID started."""
 
     def as_json(self) -> dict[str, Any]:
         """The result as `heli-twin tune --json` prints it."""
@@ -133,7 +141,7 @@ class Tuned:
         }
 
     def table(self) -> dict[str, Any]:
-        """The controller as a TOML table: what was tuned, and what else differs from the defaults but for the model."""
+        """The controller as a TOML table: tuned fields, and others that differ from the defaults, without the model."""
         tuned = {name.partition("[")[0] for names in self.best.gains.values() for name in names}
         mine, default = table_of(self.law), table_of(type(self.law)())
         return {
@@ -143,7 +151,7 @@ class Tuned:
         }
 
     def record(self) -> dict[str, Any]:
-        """What a comparison has to tell of these gains."""
+        """Facts about the tuning, for the file that the gains are saved in; see `record`."""
         margin = ", keeping a gain margin of two" if isinstance(self.law, Pid) else ""
         return {
             "trials": self.trials,
@@ -158,8 +166,8 @@ class Tuned:
 
 def tune(
     base: Experiment,
-    run: Run,
-    budget: int = BUDGET,
+    run: ParallelMap,
+    budget: int = DEFAULT_BUDGET,
     ultimates: tuple[Ultimate, ...] = (),
     progress: Callable[[], None] = lambda: None,
 ) -> Tuned:
@@ -167,10 +175,10 @@ def tune(
 
     Args:
         base: The lab and the controller to start from.
-        run: What flies, see `fleet`.
-        budget: Trials; 1 leaves the start as it is.
+        run: Flies experiments in parallel, see `fleet`.
+        budget: Number of trials; 1 judges the start and searches nothing.
         ultimates: A PID starts from these by Ziegler and Nichols' rules.
-        progress: Told of every trial.
+        progress: Called after every trial.
 
     Raises:
         HeliTwinError: The controller is of another kind, or its start cannot be flown.
@@ -183,14 +191,18 @@ def tune(
     while search.trials < budget and search.round(budget - search.trials):
         pass
     best = Trial({a: {n: float(f"{g:.3g}") for n, g in names.items()} for a, names in search.best.items()}, search.cost)
-    seeds = tuple(base.seed + seed for seed in SEEDS)
+    seeds = tuple(base.seed + offset for offset in SEED_OFFSETS)
     return Tuned(with_gains(law, best.gains), Trial(gains, search.start), best, search.trials, budget, seeds, ultimates)
 
 
 def start_gains(law: Law, ultimates: tuple[Ultimate, ...] = ()) -> Gains:
-    """What is tuned of a controller, by axis.
+    """The gains or weights to tune, by axis.
 
-    The MPC's input weights stay: doubling all weights changes nothing, so that one of each axis has to.
+    Args:
+        law: The controller to start from.
+        ultimates: Replace the gains of their axes by Ziegler and Nichols' rules.
+
+    The MPC's input weights stay: multiplying all weights by one factor changes nothing, so one of each axis is fixed.
     """
     if isinstance(law, LtvMpc):
         places = {"x": (0, 4, 8), "y": (1, 5, 9), "z": (2, 6), "yaw": (3, 7)}
@@ -198,12 +210,12 @@ def start_gains(law: Law, ultimates: tuple[Ultimate, ...] = ()) -> Gains:
     gains = {a: {f"{term}_{a}": float(getattr(law, f"{term}_{a}")) for term in "pid"} for a in AXES}
     for u in ultimates:
         p, i, d = u.gains()
-        gains[u.axis] = {f"p_{u.axis}": p, f"i_{u.axis}": i / INTEGRAL_CUT, f"d_{u.axis}": d}
+        gains[u.axis] = {f"p_{u.axis}": p, f"i_{u.axis}": i / INTEGRAL_DIVISOR, f"d_{u.axis}": d}
     return gains
 
 
 def with_gains(law: Law, gains: Gains) -> Law:
-    """The controller with these gains."""
+    """The controller with other gains."""
     flat: dict[str, Any] = {}
     for names in gains.values():
         flat |= names
@@ -213,35 +225,41 @@ def with_gains(law: Law, gains: Gains) -> Law:
 
 
 class _Search:
-    """A pattern search on each axis, in lockstep."""
+    """A pattern search on each axis, all axes in the same flights."""
 
-    def __init__(self, base: Experiment, law: Law, gains: Gains, run: Run, progress: Callable[[], None]) -> None:
+    def __init__(
+        self, base: Experiment, law: Law, gains: Gains, run: ParallelMap, progress: Callable[[], None]
+    ) -> None:
         self._base, self._law, self._run, self._progress = base, law, run, progress
         self._origin = gains
         self.best, self.trials = gains, 0
         self.start = self.cost = self._try([gains])[0]
-        if max(self.cost.values()) >= LOST:
+        if max(self.cost.values()) >= FAILED_COST:
             raise HeliTwinError(
                 "the controller to start from cannot fly the moves it is tuned on: check the experiment's overrides"
             )
-        self._step = dict.fromkeys(gains, STEP)
+        self._step = dict.fromkeys(gains, FIRST_STEP_LOG)
 
     def round(self, budget: int) -> bool:
-        """Try every gain both ways; False when no axis has a step left that is worth a flight."""
+        """Try every gain larger and smaller.
+
+        Returns:
+            False when the steps of all axes have become too small to go on.
+        """
         most = max(map(len, self.best.values()))
         changes = [(i, sign) for i in range(most) for sign in (1.0, -1.0)][:budget]
         trials = [{axis: self._changed(axis, i, sign) for axis in self.best} for i, sign in changes]
         costs = self._try(trials)
         for axis in self.best:
-            cost, tried = min(((c[axis], i) for i, c in enumerate(costs)), key=lambda found: found[0])
-            if cost < self.cost[axis] * 0.999:
+            cost, tried = min(((c[axis], i) for i, c in enumerate(costs)), key=lambda pair: pair[0])
+            if cost < self.cost[axis] * (1.0 - LEAST_GAIN):
                 self.best, self.cost = self.best | {axis: trials[tried][axis]}, self.cost | {axis: cost}
             else:
                 self._step[axis] /= 2.0
-        return max(self._step.values()) >= STEP / 16.0
+        return max(self._step.values()) >= SMALLEST_STEP_LOG
 
     def _changed(self, axis: str, i: int, sign: float) -> dict[str, float]:
-        """The gains of an axis with the i-th one changed, within its reach; as they are where there is none."""
+        """The gains of an axis with the i-th one changed, within `REACH_LOG`; unchanged if it has no such gain."""
         names = list(self.best[axis])
         if i >= len(names):
             return self.best[axis]
@@ -250,34 +268,34 @@ class _Search:
         if origin <= 0.0:
             return self.best[axis]
         moved = log(self.best[axis][name]) + sign * self._step[axis]
-        return self.best[axis] | {name: exp(min(max(moved, log(origin) - REACH), log(origin) + REACH))}
+        return self.best[axis] | {name: exp(min(max(moved, log(origin) - REACH_LOG), log(origin) + REACH_LOG))}
 
     def _try(self, trials: list[Gains]) -> list[dict[str, float]]:
         """The cost of each trial."""
         costs: list[dict[str, float]] = []
         flights = [flight for gains in trials for flight in self._flights(gains)]
         each = len(flights) // len(trials)
-        found: list[dict[str, float]] = []
+        of_trial: list[dict[str, float]] = []
         for cost in self._run(_cost, flights):
-            found.append(cost)
-            if len(found) == each:
-                plain, doubled = found[: len(SEEDS)], found[len(SEEDS) :]
+            of_trial.append(cost)
+            if len(of_trial) == each:
+                plain, doubled = of_trial[: len(SEED_OFFSETS)], of_trial[len(SEED_OFFSETS) :]
                 mean = {a: sum(c[a] for c in plain) / len(plain) for a in AXES}
                 costs.append({a: max([mean[a], *(0.5 * c[a] for c in doubled)]) for a in AXES})
-                found = []
+                of_trial = []
                 self._progress()
         self.trials += len(trials)
         return costs
 
     def _flights(self, gains: Gains) -> list[Experiment]:
-        flights = [(with_gains(self._law, gains), seed) for seed in SEEDS]
+        flights = [(with_gains(self._law, gains), offset) for offset in SEED_OFFSETS]
         if isinstance(self._law, Pid):
             doubled = {a: {n: 2.0 * g for n, g in names.items()} for a, names in gains.items()}
-            flights.append((with_gains(self._law, doubled), SEEDS[0]))
+            flights.append((with_gains(self._law, doubled), SEED_OFFSETS[0]))
         path = moves()
         return [
-            replace(self._base, controller=c, trajectory=path, duration=path.times[-1], seed=self._base.seed + seed)
-            for c, seed in flights
+            replace(self._base, controller=c, trajectory=path, duration=path.times[-1], seed=self._base.seed + offset)
+            for c, offset in flights
         ]
 
 
@@ -285,4 +303,4 @@ def _cost(experiment: Experiment) -> dict[str, float]:
     from heli_twin.mission import fly
 
     result = fly(experiment, log_dir=None)
-    return shares(result.log) if result.outcome.kind == "completed" else dict.fromkeys(AXES, LOST)
+    return shares(result.log) if result.outcome.kind == "completed" else dict.fromkeys(AXES, FAILED_COST)

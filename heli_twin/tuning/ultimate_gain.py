@@ -1,10 +1,11 @@
-"""Ziegler and Nichols' experiment on the twin: one axis under proportional control, at the gain where it keeps ringing.
+"""Ziegler and Nichols' experiment on the twin: the proportional gain at which one axis oscillates for ever.
 
-The other axes fly with the gains they have. The air is calm, everything else is as the experiment says: radio, cameras,
-estimator. A quick move excites the axis; the gain is raised until what follows grows instead of dying out, and then
-narrowed down. Height has no damping of its own and no ultimate gain: it is given `DAMPING` by a derivative gain first.
+The other axes keep their gains. The air is calm, everything else is as in the experiment: radio, cameras, estimator. A
+quick move excites the axis; the gain is raised until the oscillation that follows grows instead of dying out, and the
+border is then narrowed down. Height has no damping of its own, hence no ultimate gain: a derivative gain gives it
+`HEIGHT_DAMPING` first.
 
-Source: Ziegler and Nichols, Trans. ASME 1942.
+Source: Ziegler and Nichols, Optimum settings for automatic controllers, Trans. ASME 1942.
 """
 
 from collections.abc import Callable
@@ -22,33 +23,37 @@ from heli_twin.experiment import Experiment
 from heli_twin.metrics.tracking import AXES
 from heli_twin.recording import Log
 
-DAMPING = 5.0
-"""Damping that height is given first, 1/s: as much as the heading has of its own."""
-RAISE = 1.4
+HEIGHT_DAMPING = 5.0
+"""Damping that height is given first, 1/s: as much as the yaw has of its own."""
+SWEEP_FACTOR = 1.4
 """Factor from one gain of the sweep to the next."""
 REFINEMENTS = 4
 """Flights between the last gain that dies out and the first that grows: the gain is known within 2 %."""
-LOST = 1.0
-"""Growth, 1/s, of a flight that ended early or that only the limits of the input hold."""
-SATURATED = 0.2
-"""Share of the commands at a limit from which on that is so."""
-NOISE = 0.003
-"""Motion that the cameras' noise alone may show, m or rad, standard deviation."""
-HIGHEST = 50.0
-"""Gain at which the sweep gives up."""
+FAILED_GROWTH = 1.0
+"""Growth, 1/s, of a flight that ended early, or whose oscillation only the limits of the input bound."""
+SATURATED_SHARE = 0.2
+"""Share of commands at a limit above which the limits are taken to bound the oscillation."""
+NOISE_STD = 0.003
+"""Standard deviation of the motion that the cameras' noise alone can cause, m or rad."""
+DEAD_GROWTH = -0.1
+"""Growth, 1/s, of an oscillation that has sunk into the noise, at most."""
+HIGHEST_GAIN = 50.0
+"""Gain at which the sweep gives up, stick/m or stick/rad."""
+LOWEST_SHARE = 0.01
+"""Share of its first gain down to which the sweep looks for one that dies out."""
 
 
 class Kick(NamedTuple):
-    """How an axis is excited and watched."""
+    """The move that excites an axis."""
 
     size: float
-    """Of the move, m or rad."""
+    """m or rad."""
     move: float
-    """Its duration, s."""
+    """Duration of the move, s."""
     watch: float
-    """How long what follows is watched, s."""
+    """How long the oscillation after the move is measured, s."""
     start: float
-    """First gain of the sweep."""
+    """First gain of the sweep, stick/m or stick/rad."""
 
 
 KICKS = {
@@ -60,7 +65,7 @@ KICKS = {
 
 
 class Ultimate(NamedTuple):
-    """An axis on the border between dying out and growing."""
+    """An axis on the border between an oscillation that dies out and one that grows."""
 
     axis: str
     gain: float
@@ -68,19 +73,19 @@ class Ultimate(NamedTuple):
     period: float
     """Tu, s."""
     damping: float
-    """Derivative gain that was there all along, stick s/m; 0 but in z."""
+    """Derivative gain that the axis had during the experiment, stick s/m; 0 except in z."""
 
     def gains(self) -> tuple[float, float, float]:
-        """Ziegler and Nichols' p, i, d."""
+        """Ziegler and Nichols' p, i, d: 0.6 Ku, 1.2 Ku / Tu, 0.075 Ku Tu; the damping is added to d."""
         p = 0.6 * self.gain
         return p, 2.0 * p / self.period, 0.125 * p * self.period + self.damping
 
 
 class Ringing(NamedTuple):
-    """What follows a move."""
+    """The oscillation after a move."""
 
     growth: float
-    """1/s; below 0 it dies out."""
+    """1/s; negative if it dies out."""
     period: float
     """s."""
 
@@ -89,16 +94,16 @@ def find_ultimate(base: Experiment, axis: str) -> Ultimate:
     """The ultimate gain of one axis.
 
     Args:
-        base: What to fly with; its controller is a Pid.
+        base: The lab to fly in; its controller is a Pid.
         axis: x, y, z or yaw.
 
     Raises:
-        HeliTwinError: The controller is no PID, or the axis does not ring at any gain.
+        HeliTwinError: The controller is no PID, or the axis does not oscillate at any gain.
     """
     law = base.controller
     if not isinstance(law, Pid):
         raise HeliTwinError("Ziegler and Nichols' experiment is for PID gains: fly it with controller=pid")
-    damping = DAMPING / law.model.b_z if axis == "z" else 0.0
+    damping = HEIGHT_DAMPING / law.model.b_z if axis == "z" else 0.0
 
     def proportional(gain: float) -> Ringing:
         changed = {f"p_{axis}": gain, f"i_{axis}": 0.0, f"d_{axis}": damping}
@@ -109,28 +114,42 @@ def find_ultimate(base: Experiment, axis: str) -> Ultimate:
 
 
 def border(ring: Callable[[float], Ringing], gain: float, name: str) -> tuple[float, float]:
-    """The gain where growth changes its sign, and the period there."""
+    """The gain at which growth changes its sign, and the period there.
+
+    Args:
+        ring: From a gain to the oscillation with it.
+        gain: Where to start.
+        name: What the gain is called in messages.
+
+    Returns:
+        Gain, in the unit of `gain`, and period, s.
+
+    Raises:
+        HeliTwinError: There is no such gain below `HIGHEST_GAIN`.
+    """
     low, high = gain, gain
     at_low = at_high = ring(gain)
-    while at_low.growth > 0.0 and low > gain / 100.0:
+    while at_low.growth > 0.0 and low > LOWEST_SHARE * gain:
         high, at_high = low, at_low
-        low /= RAISE
+        low /= SWEEP_FACTOR
         at_low = ring(low)
     while at_high.growth <= 0.0:
         low, at_low = high, at_high
-        high *= RAISE
-        if high > HIGHEST:
-            raise HeliTwinError(f"the {name} has no limit below {HIGHEST:g}: this axis does not ring, tune it by hand")
+        high *= SWEEP_FACTOR
+        if high > HIGHEST_GAIN:
+            raise HeliTwinError(
+                f"the {name} has no limit below {HIGHEST_GAIN:g}: this axis does not oscillate, tune it by hand"
+            )
         at_high = ring(high)
     for _ in range(REFINEMENTS):
-        # Close to the border growth is a straight line; a saturated or lost flight is not close.
+        # Near the border growth is linear in the gain; a saturated or failed flight is not near it.
         share = float(np.clip(-at_low.growth / (at_high.growth - at_low.growth), 0.25, 0.75))
         middle = low + share * (high - low)
-        found = ring(middle)
-        if found.growth > 0.0:
-            high, at_high = middle, found
+        at_middle = ring(middle)
+        if at_middle.growth > 0.0:
+            high, at_high = middle, at_middle
         else:
-            low, at_low = middle, found
+            low, at_low = middle, at_middle
     return sqrt(low * high), at_low.period
 
 
@@ -145,21 +164,21 @@ def _ringing(base: Experiment, axis: str, law: Pid) -> Ringing:
     flight = replace(base, trajectory=move, controller=law, duration=kick.move + kick.watch, disturbances=(), faults=())
     result = fly(flight, log_dir=None)
     if result.outcome.kind != "completed":
-        return Ringing(LOST, kick.watch)
+        return Ringing(FAILED_GROWTH, kick.watch)
     return ringing(result.log, axis, kick.move, law)
 
 
 def ringing(log: Log, axis: str, after: float, law: Pid) -> Ringing:
-    """How an axis moves about its mean from `after` (s) on, as the estimator saw it.
+    """The oscillation of an axis about its mean after a move, as the estimator saw it.
 
-    Growth compares the second half with the first. A motion that sinks into the noise has died out, and one that
-    only the limits of the input hold has grown.
+    Growth compares the standard deviation of the second half with that of the first. An oscillation that has sunk into
+    the noise has died out, and one that only the limits of the input bound has grown.
 
     Args:
         log: The flight.
         axis: x, y, z or yaw.
-        after: When what excited it was over, s.
-        law: What flew it.
+        after: End of the move, s.
+        law: The controller that flew it; its model says the limits of the input.
     """
     i = AXES.index(axis)
     t = 1e-9 * log.estimate.stamp.astype(np.float64)
@@ -168,15 +187,15 @@ def ringing(log: Log, axis: str, after: float, law: Pid) -> Ringing:
     first, second = (part - part.mean() for part in (about[:half], about[half:]))
     growth = float(np.log(second.std() / first.std())) / float(t[half] - t[0])
     u = log.sent.u[-half:, i]
-    if np.mean((u <= law.model.u_min[i]) | (u >= law.model.u_max[i])) > SATURATED:
-        growth = LOST
-    elif second.std() < NOISE:
-        growth = min(growth, -0.1)
+    if np.mean((u <= law.model.u_min[i]) | (u >= law.model.u_max[i])) > SATURATED_SHARE:
+        growth = FAILED_GROWTH
+    elif second.std() < NOISE_STD:
+        growth = min(growth, DEAD_GROWTH)
     return Ringing(growth, _period(t[half:], second))
 
 
 def _period(t: Array, about: Array) -> float:
-    """Twice the mean time between zero crossings, s; the whole time if it hardly crosses."""
+    """Twice the mean time between zero crossings, s; the whole time if there are fewer than three."""
     crossings = t[1:][np.diff(np.sign(about)) != 0]
     if len(crossings) < 3:
         return float(t[-1] - t[0])

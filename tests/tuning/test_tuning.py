@@ -20,7 +20,7 @@ from heli_twin.experiment.text import load
 from heli_twin.metrics.tracking import AXES
 from heli_twin.mission import fly
 from heli_twin.tuning import search
-from heli_twin.tuning.search import LOST, REACH, SEEDS, moves, shares, start_gains, tune, with_gains
+from heli_twin.tuning.search import FAILED_COST, REACH_LOG, SEED_OFFSETS, moves, shares, start_gains, tune, with_gains
 from heli_twin.tuning.ultimate_gain import Ringing, Ultimate, border, find_ultimate, ringing
 from heli_twin.workers.fleet import fleet
 
@@ -138,7 +138,7 @@ def known_cost(monkeypatch):
 
     # Doubled gains must not decide here.
     def flights(search, gains):
-        return [replace(search._base, controller=with_gains(search._law, gains))] * len(SEEDS)
+        return [replace(search._base, controller=with_gains(search._law, gains))] * len(SEED_OFFSETS)
 
     monkeypatch.setattr(search._Search, "_flights", flights)
 
@@ -171,12 +171,12 @@ def test_gains_stay_within_reach(monkeypatch):
     for axis, names in found.best.gains.items():
         for name, gain in names.items():
             # Three digits.
-            assert gain == pytest.approx(found.start.gains[axis][name] * np.exp(REACH), rel=0.005)
+            assert gain == pytest.approx(found.start.gains[axis][name] * np.exp(REACH_LOG), rel=0.005)
 
 
 @pytest.mark.usefixtures("known_cost")
 def test_a_start_that_does_not_fly_is_told(monkeypatch):
-    monkeypatch.setattr(search, "_cost", lambda e: dict.fromkeys(AXES, LOST))
+    monkeypatch.setattr(search, "_cost", lambda e: dict.fromkeys(AXES, FAILED_COST))
     with pytest.raises(HeliTwinError, match="cannot fly the moves"):
         tune(LAB, map, 3)
 
