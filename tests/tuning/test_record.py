@@ -1,5 +1,6 @@
 import tomllib
 from dataclasses import replace
+from inspect import getdoc
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -35,9 +36,11 @@ def test_a_record_comes_back_and_its_file_is_still_a_controller(tmp_path):
     assert uncommented("# a comment\n[controller]\nkind = 'pid'\n") == ""
 
 
-def test_defaults_come_from_where_their_class_says():
-    assert origin(Pid()).startswith("pid, default values: \u201cThe gains began as Ziegler and Nichols'")
-    assert origin(LtvMpc()) == "ltv_mpc, default values: \u201cLTV-MPC with the paper's horizon and weights (30).\u201d"
+@pytest.mark.parametrize(("law", "last_words"), [(Pid, "Ziegler and Nichols"), (LtvMpc, "weights (30)")])
+def test_defaults_come_from_where_their_class_says(law, last_words):
+    last_paragraph = " ".join((getdoc(law) or "").split("\n\n")[-1].split())
+    assert last_words in last_paragraph
+    assert origin(law()) == f"{law().kind}, default values: \u201c{last_paragraph}\u201d"
 
 
 def test_what_nobody_recorded_is_said_to_be_unrecorded():
