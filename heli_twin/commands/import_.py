@@ -3,10 +3,15 @@
 import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from heli_twin.commands import command
 
-SUSPICIOUS = 0.1
+if TYPE_CHECKING:
+    from heli_twin.exchange.cleaning import Clean
+    from heli_twin.exchange.formats import Take
+
+SUSPICIOUS_SHARE = 0.1
 """Share of poses that cannot all be outliers."""
 
 
@@ -17,39 +22,78 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "import",
         run,
         "turn a motion-capture recording into a log",
-        "Turn a CSV file of poses into a log that replay, reestimate and identification take.\n"
-        "Fields: time and arrival (s), x y z (m), yaw (rad) or qw qx qy qz (body to world), and the commands\n"
-        "ux uy uz uyaw (fraction of full stick) where they are known. World is north-west-up, body is x to the nose,\n"
-        "y to port, z up. A row without a pose is a lost frame, or a command between two frames; a command counts\n"
-        "from the time of its row on. The log has no truth, and no reference unless a trajectory is given.",
-        "  heli-twin import poses.csv\n"
-        "  heli-twin import poses.csv --map time=t,x=px*0.001,y=py*0.001,z=pz*0.001,yaw=heading\n"
+        "Turn a recording of poses into a log that replay, reestimate and identify take. Read as exported, and\n"
+        "recognised by their content: OptiTrack Motive CSV, Vicon Tracker and Nexus CSV, Qualisys 6D TSV, TUM, EuRoC,\n"
+        "ROS 2 bags in MCAP, and any table of columns, whose fields are\n"
+        "time and arrival, x y z (m), yaw (rad) or qw qx qy qz (body to world), and the commands ux uy uz uyaw\n"
+        "(fraction of full stick), as many of them as are known. Our world is north-west-up, our body nose-port-up.\n"
+        "Lost frames, rows of zeros, repeated times, late rows and half turns are cleaned, counted and reported.\n"
+        "A command counts from the time of its row on. The log has no truth, and no reference unless a trajectory\n"
+        "is given.",
+        "  heli-twin import take.csv\n"
+        "  heli-twin import take.csv --list\n"
+        "  heli-twin import poses.csv --map time=t,x=px,y=py,z=pz,yaw=heading,ux=0 --units mm\n"
         "  heli-twin import poses.csv controller.model.b_z=17.5 mocap.latency=0.008 --out flight.mcap",
     )
-    parser.add_argument("poses", type=Path, metavar="POSES.csv", help="the recording; its first line names the columns")
+    parser.add_argument("poses", type=Path, metavar="RECORDING", help="the recording")
     parser.add_argument("overrides", nargs="*", metavar="path.to.field=value", help="what is known of that flight")
     parser.add_argument(
-        "--map", default="", metavar="FIELD=COLUMN[*FACTOR],...", help="where the columns have other names or units"
+        "--map",
+        default="",
+        metavar="FIELD=COLUMN[*FACTOR],...",
+        help="for a table: the columns by name or number, with a factor; 0 or a number with a point is a constant",
     )
+    parser.add_argument("--body", default="", help="name of the body, where the recording has several")
+    parser.add_argument("--frame", default="", help="its axes: zup, yup, ned or enu (default: what the format says)")
+    parser.add_argument("--units", default="", help="of its lengths: m, mm, cm, in or ft (default: what the file says)")
+    parser.add_argument("--rate", type=float, default=0.0, metavar="HZ", help="where the time column counts frames")
     parser.add_argument(
-        "--out", type=Path, metavar="RUN.mcap", help="the log (default POSES.mcap beside the recording)"
+        "--rotation", default="", choices=["euler", "vector"], help="what Vicon's RX RY RZ are (default: euler)"
     )
+    parser.add_argument("--unchecked", action="store_true", help="import what no helicopter in a room can have left")
+    parser.add_argument("--list", action="store_true", help="show what is recognised, and import nothing")
+    parser.add_argument("--out", type=Path, metavar="RUN.mcap", help="the log (default: beside the recording)")
 
 
 def run(parsed: Namespace) -> int:
     """Import it."""
-    from heli_twin.exchange.import_poses import import_poses
-    from heli_twin.exchange.pose_csv import parse_map
+    from heli_twin.exchange.formats import ImportRefused, Options
+    from heli_twin.exchange.import_poses import Reading, import_poses, read_recording, recognised
 
+    options = Options(parsed.body, parsed.rotation, parsed.map)
+    if parsed.rate and not 1.0 <= parsed.rate <= 10_000.0:
+        raise ImportRefused(f"--rate {parsed.rate:g} is no rate of cameras: 1 to 10000 Hz")
+    reading = Reading(options, parsed.frame, parsed.units, parsed.rate, not parsed.unchecked)
+    if parsed.list:
+        print(f"{parsed.poses}: {recognised(parsed.poses).TITLE}")
+        take, recording = read_recording(parsed.poses, reading)
+        print(f"bodies: {', '.join(take.bodies) or 'one without a name'}")
+        _report(take, recording)
+        return 0
     out = parsed.out or parsed.poses.with_suffix(".mcap")
-    found = import_poses(parsed.poses, parse_map(parsed.map), out, parsed.overrides)
-    print(
-        f"wrote {out}: {len(found.stamp)} poses, {found.lost} rows without one, {len(found.command_time)} commands,"
-        f" {1e-9 * (found.stamp[-1] - found.stamp[0]):.2f} s"
-    )
-    if found.refused > SUSPICIOUS * len(found.stamp):
+    imported = import_poses(parsed.poses, out, reading, parsed.overrides)
+    print(f"wrote {out}")
+    _report(imported.take, imported.recording)
+    if imported.refused > SUSPICIOUS_SHARE * len(imported.recording.time):
         print(
-            f"the estimator refused {found.refused} poses: are they in m and rad, and is the world north-west-up?",
+            f"the estimator refused {imported.refused} poses: are they in m and rad, and is the world north-west-up?",
             file=sys.stderr,
         )
     return 0
+
+
+def _report(take: "Take", recording: "Clean") -> None:
+    """Print what a recording holds and what was wrong with it."""
+    from heli_twin.exchange.frames import FRAMES
+
+    seconds = recording.time[-1] - recording.time[0]
+    body = f" of {take.body}" if take.body else ""
+    print(
+        f"{take.title}: {len(recording.time)} poses{body} at {recording.rate:.1f} Hz, {seconds:.2f} s,"
+        f" {recording.lost} rows without one, {len(recording.command_time)} commands"
+    )
+    print(f"axes in the file: {FRAMES[take.frame].text}")
+    for note in take.notes:
+        print(f"assumed: {note}")
+    for blemish in recording.blemishes:
+        print(f"{blemish.rows:>8} {blemish.text}, first at {blemish.first_s:.2f} s")
