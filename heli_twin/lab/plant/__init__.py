@@ -30,6 +30,17 @@ class Truth(NamedTuple):
     """Whether any part touches the floor."""
 
 
+class Battery(NamedTuple):
+    """The battery of the helicopter."""
+
+    voltage: float
+    """At its terminals, under load, V."""
+    current: float
+    """A."""
+    charge: float
+    """Share of the capacity that is left."""
+
+
 class Air(NamedTuple):
     """What the surroundings do to the helicopter until the next update."""
 
@@ -38,7 +49,7 @@ class Air(NamedTuple):
     acceleration: Array
     """(3,) push that no model explains, world, m/s^2."""
     thrust_factor: float = 1.0
-    """Thrust as a fraction of nominal: battery, ground effect."""
+    """Thrust as a fraction of nominal."""
 
 
 STILL_AIR = Air(np.zeros(3), np.zeros(3))
@@ -53,6 +64,10 @@ class Plant(Protocol):
 
     def advance(self, until: int, u: Array, air: Air) -> None:
         """Fly on to `until` (ns, a multiple of the step) with the input (4,) that the receiver holds."""
+        ...
+
+    def battery(self) -> Battery | None:
+        """Return its battery now; None if it has none that could run empty."""
         ...
 
     def description(self) -> str:

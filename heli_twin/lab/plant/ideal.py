@@ -99,6 +99,9 @@ class IdealHelicopter:
             self._x = (px + wx * self._spec.step, py + wy * self._spec.step, pz, yaw, vx, vy, vz, r)
         self._steps = target
 
+    def battery(self) -> None:
+        """Return None: it never runs empty."""
+
     def description(self) -> str:
         """Empty: the model is the spec."""
         return ""

@@ -23,9 +23,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
+from controllers.markers import EachOf
 from controllers.model import GRAVITY
 from controllers.signals import Array, nanoseconds
-from heli_twin.lab.plant import Air, Truth
+from heli_twin.lab.plant import Air, Battery, Truth
+from heli_twin.lab.plant.effects import PERIOD_NS, Effect, Physics
 
 STICKS = ("u_x", "u_y", "u_z", "u_yaw")
 """Actuators that the receiver drives, in the order of the input; they come first in the model file."""
@@ -74,6 +76,9 @@ class MuJoCo:
         float, Ge(0), Le(0.2), Unit("s"), doc("receiver and servo electronics, rounded to whole steps")
     ] = 0.002
     step: Annotated[float, Ge(1e-5), Le(0.005), Unit("s"), doc("length of one physics step")] = 0.001
+    effects: Annotated[
+        tuple[Effect, ...], EachOf("heli_twin.lab.plant.effects"), doc("what else it does; `off` leaves one out")
+    ] = ()
 
     def __post_init__(self) -> None:
         """Refuse parameters that the engine cannot simulate.
@@ -130,6 +135,7 @@ class Twin:
         mujoco = engine()
         self._spec = spec
         self._steps = 0
+        self._effect_steps = max(1, PERIOD_NS // spec.step_ns)
         self._mj_step = mujoco.mj_step
         self._model = model = edited(spec, visuals=False).compile()
         self._data = data = mujoco.MjData(model)
@@ -142,11 +148,17 @@ class Twin:
         c, s = cos(yaw), sin(yaw)
         data.qpos[:4] = px, py, pz, yaw
         data.qvel[:4] = c * vx - s * vy, s * vx + c * vy, vz, yaw_rate
+        self._physics = Physics(model, data, np.array(spec.trim), 1e-9 * self._effect_steps * spec.step_ns)
+        updates = [effect.start(self._physics) for effect in spec.effects]
+        self._every_period = [update.every_period for update in updates if update.every_period]
+        self._on_input = [update.on_input for update in updates if update.on_input]
+        self._update_effects()
+        trim = self._physics.trim
+        trim[2] = np.clip(trim[2] / self._physics.thrust, *model.actuator_ctrlrange[self._thrust])
         # Rotors, servos and the inputs in the receiver's delay start at trim, or the helicopter would drop at once.
-        data.act[:] = spec.trim
-        data.ctrl[:4] = spec.trim
+        self._u = data.act[:] = data.ctrl[:4] = trim
         if spec.delay_steps:
-            for i, u in enumerate(spec.trim):
+            for i, u in enumerate(trim.tolist()):
                 mujoco.mj_initCtrlHistory(model, data, i, None, np.full((spec.delay_steps, 1), u))
         mujoco.mj_forward(model, data)
         if data.ncon and data.contact.dist.min() < -0.002:
@@ -195,12 +207,45 @@ class Twin:
         if target == self._steps:
             return
         data = self._data
-        data.ctrl[:4] = u
         data.qvel[self._air] = air.wind
         data.xfrc_applied[self._fuselage, :3] = self._spec.mass * air.acceleration
-        self._model.actuator_gainprm[self._thrust, 0] = self._spec.thrust_gain * air.thrust_factor
-        self._mj_step(self._model, data, target - self._steps)
-        self._steps = target
+        self._act(u)
+        if not self._every_period:
+            self._thrust_gain(air.thrust_factor)
+            self._mj_step(self._model, data, target - self._steps)
+            self._steps = target
+        while self._steps < target:
+            into = self._steps % self._effect_steps
+            if into == 0 and self._steps:
+                self._update_effects()
+                self._act(u, again=True)
+            self._thrust_gain(air.thrust_factor * self._physics.thrust)
+            steps = min(self._effect_steps - into, target - self._steps)
+            self._mj_step(self._model, data, steps)
+            self._steps += steps
+
+    def _act(self, u: Array, *, again: bool = False) -> None:
+        """Give the input (4,) to servos and rotors; effects change it when it is new, or `again`."""
+        physics = self._physics
+        if not self._on_input:
+            self._data.ctrl[:4] = u
+        elif again or not np.array_equal(u, self._u):
+            self._u, physics.u = u.copy(), u.copy()
+            for update in self._on_input:
+                update(physics)
+            self._data.ctrl[:4] = physics.u
+
+    def _update_effects(self) -> None:
+        self._physics.thrust = 1.0
+        for update in self._every_period:
+            update(self._physics)
+
+    def _thrust_gain(self, factor: float) -> None:
+        self._model.actuator_gainprm[self._thrust, 0] = self._spec.thrust_gain * factor
+
+    def battery(self) -> Battery | None:
+        """Return its battery now; None without the effect of that name."""
+        return self._physics.battery
 
     def description(self) -> str:
         """Return the simulated MJCF, visuals included."""
@@ -270,6 +315,8 @@ def edited(p: MuJoCo, *, visuals: bool) -> Any:
     force = stiffness / spec.site("mast").pos[2]
     spec.actuator("stiffness_up").biasprm[0] = force
     spec.actuator("stiffness_down").biasprm[0] = -force
+    for effect in p.effects:
+        effect.build(spec)
     return spec
 
 

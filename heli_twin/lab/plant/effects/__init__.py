@@ -1,0 +1,57 @@
+"""Plant effects: what the helicopter does beyond the basic twin. One file is one effect; it is found by its `kind`.
+
+An effect writes itself into the MuJoCo model before it is compiled, so that the engine computes it at every physics
+step. What changes slowly (voltage, ground effect) is updated every `PERIOD_NS`, what answers to an input also when the
+input changes; no Python runs at the physics steps in between.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from controllers.signals import Array
+from heli_twin.lab.plant import Battery
+
+PERIOD_NS = 10_000_000
+"""Time between two updates of the effects."""
+
+
+class Physics:
+    """The engine's model and data of one flight, and the quantities that effects share."""
+
+    def __init__(self, model: Any, data: Any, trim: Array, period: float) -> None:
+        self.model, self.data = model, data
+        self.period = period
+        """Time between two updates, s: `PERIOD_NS` in whole physics steps."""
+        self.trim = trim
+        """(4,) input that holds the helicopter still in still air; effects correct it when they start."""
+        self.u = trim.copy()
+        """(4,) input that acts on servos and rotors: that of the receiver, as the effects have changed it."""
+        self.thrust = 1.0
+        """Thrust as a fraction of what the throttle gives without effects; set to 1 before every update."""
+        self.battery: Battery | None = None
+
+
+class Updates(NamedTuple):
+    """What an effect does in flight; nothing if the compiled model does it all."""
+
+    every_period: Callable[[Physics], None] | None = None
+    """Called at time 0 and every `PERIOD_NS`, for the time until the next call."""
+    on_input: Callable[[Physics], None] | None = None
+    """Called after `every_period`, and at once when the receiver holds another input."""
+
+
+class Effect(Protocol):
+    """A plant effect as a value. A frozen dataclass with a literal `kind`."""
+
+    @property
+    def kind(self) -> str:
+        """Its name."""
+        ...
+
+    def build(self, model: Any) -> None:
+        """Write the effect into the MuJoCo model (an MjSpec) before it is compiled."""
+        ...
+
+    def start(self, physics: Physics) -> Updates:
+        """Begin a flight: correct the trim, and return what has to be updated in flight."""
+        ...
