@@ -37,7 +37,9 @@ class Past(NamedTuple):
     """False for a field that older versions had too, with this value as its default."""
 
 
-PAST: dict[str, Past] = {}
+PAST: dict[str, Past] = {
+    "heli_twin.lab.plant.mujoco.MuJoCo.effects": Past(3, {}),
+}
 """By the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
 
 
