@@ -8,6 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from controllers.laws import safe_hover
+from controllers.markers import by_name
 from controllers.reference import ReferencePreview
 from controllers.signals import Command, Estimate, nanoseconds
 from heli_twin.experiment import Experiment, Volume
@@ -58,7 +59,11 @@ class Flight:
         self.end = self.on_grid(nanoseconds(e.duration))
         self.mocap = e.mocap.start(generator(e.seed, "mocap"))
         self.radio = e.radio.start(generator(e.seed, "radio"))
-        self.surroundings = [d.start(generator(e.seed, d.kind)) for d in e.disturbances]
+        self.surroundings = [
+            d.start(generator(e.seed, name if name == d.kind else f"disturbances.{name}"))
+            for name, d in by_name(e.disturbances).items()
+        ]
+        self.faults = by_name(e.faults).values()
         self.compute_chance = generator(e.seed, "compute")
         self.estimator, self.controller = e.estimator.start(e.controller.model), e.controller.start()
         self.preview = ReferencePreview(e.trajectory, e.controller.model, self.period, nanoseconds(e.estimator.lead))
@@ -103,7 +108,7 @@ class Flight:
         """Let the cameras look; the pose is on its way unless the frame or a fault loses it."""
         arrival = self.mocap.capture(t, truth)
         pose = arrival.pose if arrival else None
-        for fault in self.experiment.faults:
+        for fault in self.faults:
             pose = fault.pose(pose) if pose else None
         if arrival and pose:
             self.poses_under_way.append(Arrival(arrival.at, pose))

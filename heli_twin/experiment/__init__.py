@@ -13,9 +13,9 @@ from controllers.estimators import EstimatorSpec
 from controllers.estimators.kalman import Kalman
 from controllers.laws import ControlLaw
 from controllers.laws.ltv_mpc import LtvMpc
+from controllers.markers import EachOf, Named, OneOf
 from controllers.trajectories import Trajectory
 from controllers.trajectories.circle import Circle
-from heli_twin.experiment.families import EachOf, OneOf
 from heli_twin.lab.compute import ComputeSpec, Modelled
 from heli_twin.lab.disturbances import DisturbanceSpec
 from heli_twin.lab.disturbances.bias import Bias
@@ -63,9 +63,9 @@ class Experiment:
         default_factory=Vicon
     )
     disturbances: Annotated[
-        tuple[DisturbanceSpec, ...],
+        tuple[DisturbanceSpec | Named[DisturbanceSpec], ...],
         EachOf("heli_twin.lab.disturbances"),
-        doc("what the surroundings do; `off` leaves one out"),
+        doc("what the surroundings do; `off` leaves one out, a name of its own and its `kind` add another"),
     ] = (Bias(), Gust())
-    faults: Annotated[tuple[Fault, ...], EachOf("heli_twin.lab.faults"), doc("what breaks")] = ()
+    faults: Annotated[tuple[Fault | Named[Fault], ...], EachOf("heli_twin.lab.faults"), doc("what breaks")] = ()
     volume: Annotated[Volume, doc("where the flight may go")] = field(default_factory=Volume)

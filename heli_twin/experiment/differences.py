@@ -20,7 +20,7 @@ class Change(NamedTuple):
     before: Any
     after: Any
     is_member: bool = False
-    """Whether another member of a family stands there: the values are its kinds, or `on` and `off`."""
+    """Whether another member of a family stands there: the values are its kinds, or `on` or `off`."""
 
 
 def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
@@ -38,17 +38,23 @@ def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
         if not isinstance(value, dict):
             if value != old:
                 yield Change(path, old, value)
-        elif here in ("disturbances.", "faults.") and old is None:
-            yield Change(path, "off", "on", is_member=True)
-            yield from changes(_defaults(path, "on"), value, f"{path}.")
+        elif old is None:
+            # Only members of a family that have names come and go.
+            yield Change(path, "off", _added(key, value), is_member=True)
+            yield from changes(_defaults(path, _added(key, value)), value, f"{path}.")
         elif value.get("kind") != before[key].get("kind"):
             yield Change(path, before[key]["kind"], value["kind"], is_member=True)
             yield from changes(_defaults(path, value["kind"]), value, f"{path}.")
         else:
             yield from changes(before[key], value, f"{path}.")
-    for key in before:
+    for key, value in before.items():
         if key not in after:
-            yield Change(f"{here}{key}", "on", "off", is_member=True)
+            yield Change(f"{here}{key}", _added(key, value), "off", is_member=True)
+
+
+def _added(name: str, member: Tree) -> str:
+    """The text that adds a disturbance or a fault: `on`, or its kind if it has a name of its own."""
+    return "on" if member["kind"] == name else member["kind"]
 
 
 def differences(a: Experiment, b: Experiment) -> list[tuple[str, str, str]]:

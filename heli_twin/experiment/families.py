@@ -6,10 +6,6 @@ from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
 
-from controllers.markers import EachOf, OneOf
-
-__all__ = ["EachOf", "OneOf", "members"]
-
 
 @cache
 def members(package: str) -> dict[str, type]:
@@ -19,7 +15,7 @@ def members(package: str) -> dict[str, type]:
     """
     home = import_module(package)
     rooms = iter_modules(getattr(home, "__path__", []))
-    modules: list[ModuleType] = [home, *(import_module(f"{package}.{found.name}") for found in rooms)]
+    modules: list[ModuleType] = [home, *(import_module(f"{package}.{room.name}") for room in rooms)]
     kinds = {}
     for module in modules:
         for value in vars(module).values():

@@ -7,8 +7,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 from annotated_types import DocInfo, Unit
 from pydantic import TypeAdapter
 
-from controllers.markers import Rows
-from heli_twin.experiment.families import EachOf, OneOf
+from controllers.markers import EachOf, OneOf, Rows
 
 
 class FieldInfo(NamedTuple):

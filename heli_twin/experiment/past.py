@@ -14,7 +14,8 @@ from collections.abc import Callable, Collection, Iterator
 from copy import deepcopy
 from typing import Any, NamedTuple
 
-from heli_twin.experiment.families import EachOf, OneOf, members
+from controllers.markers import EachOf, OneOf
+from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import fields_of
 
 Tree = dict[str, Any]

@@ -1,7 +1,8 @@
 """The edge where text becomes an experiment: presets, TOML files and dotted overrides.
 
-`part = "kind"` is short for that member of a family with its defaults; of disturbances and faults, `"off"` leaves one
-out and `"on"` adds one with its defaults.
+`part = "kind"` is short for that member of a family with its defaults. Of disturbances and faults there can be
+several: `"off"` leaves one out, `"on"` adds the one of that kind with its defaults, and `disturbances.second = "gust"`
+adds one more gust with a name of its own.
 """
 
 import csv
@@ -12,11 +13,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from controllers.markers import EachOf, OneOf
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import EachOf, OneOf, members
+from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.past import PHYSICS_VERSION, restore_past
-from heli_twin.experiment.tree import ExperimentError, Tree, experiment_of, instead, table_of, tree_of
+from heli_twin.experiment.tree import ExperimentError, Tree, experiment_of, instead, kind_under, table_of, tree_of
 
 
 def presets() -> dict[str, Path]:
@@ -61,7 +63,24 @@ def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
 
 
 def _names_a_kind(path: str, value: Any) -> bool:
-    return path.endswith(".kind") or ("." not in path and isinstance(value, str | dict))
+    """Return whether a change says which member of a family stands at its path."""
+    is_member = isinstance(value, str | dict) and value not in ("on", "off") and _holds_member(Experiment, path)
+    return path.endswith(".kind") or is_member
+
+
+def _holds_member(spec: type, path: str) -> bool:
+    """Return whether a member of a family stands at a path; for any kind of the members on the way."""
+    key, _, rest = path.partition(".")
+    info = fields_of(spec).get(key)
+    if info is None or info.adapter is not None:
+        return False
+    if info.family is None:
+        return _holds_member(info.type, rest)
+    if isinstance(info.family, EachOf):
+        _, is_deeper, rest = rest.partition(".")
+    else:
+        is_deeper = rest
+    return not is_deeper or any(_holds_member(kind, rest) for kind in members(info.family.package).values())
 
 
 def _read(source: str) -> tuple[Tree, int]:
@@ -211,20 +230,30 @@ def _rows(file: str, columns: tuple[str, ...], path: str) -> list[list[float]]:
 
 
 def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str) -> None:
+    """Set a field of one of several members, or add or remove one: `on`, `off`, or its kind if it has its own name."""
     kinds = members(family.package)
     if not keys:
         raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(kinds)}")
-    kind, *rest = keys
+    name, *rest = keys
+    kind = node[name]["kind"] if name in node else name
+    if rest == ["kind"] or (not rest and isinstance(value, str) and value not in ("on", "off")):
+        kind = kind_under(name, value, kinds, path.removesuffix(".kind"))
+        if name not in node or node[name]["kind"] != kind:
+            node[name] = table_of(kinds[kind]())
+        return
     if kind not in kinds:
-        raise ExperimentError(f"unknown {path.split('.')[0]} {instead(kind, kinds)}")
-    if rest:
-        node.setdefault(kind, table_of(kinds[kind]()))
-        _put(node[kind], kinds[kind], rest, value, path)
-    elif value == "off":
-        node.pop(kind, None)
-    elif value == "on":
-        node.setdefault(kind, table_of(kinds[kind]()))
-    else:
+        table = ".".join(path.split(".")[: -len(keys)])
+        raise ExperimentError(
+            f"unknown {table} {instead(name, {**kinds, **node})}; to add one with a name of its own, write its kind:"
+            f" {table}.{name}=KIND"
+        )
+    if not rest and value not in ("on", "off"):
         raise ExperimentError(
             f"{path} = {value!r}: write on, off, or one of its fields: {', '.join(fields_of(kinds[kind]))}"
         )
+    if value == "off" and not rest:
+        node.pop(name, None)
+        return
+    node.setdefault(name, table_of(kinds[kind]()))
+    if rest:
+        _put(node[name], kinds[kind], rest, value, path)

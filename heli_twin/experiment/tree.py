@@ -1,7 +1,7 @@
 """Specs as trees of plain values and back: what an experiment looks like as JSON and TOML, and what is refused.
 
 As a tree, an experiment is nested tables. A part's `kind` says which member of its family it is; disturbances and
-faults are tables by their kind.
+faults are tables by their name, which is their kind where nothing else is said.
 """
 
 import json
@@ -13,9 +13,10 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
+from controllers.markers import EachOf, Named, by_name, checked_name
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import EachOf, members
+from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import FieldInfo, fields_of
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past
 
@@ -37,17 +38,28 @@ def tree_of(experiment: Experiment) -> Tree:
 
 
 def table_of(spec: Any) -> Tree:
-    """A spec as nested tables of plain values."""
+    """A spec as nested tables of plain values.
+
+    Raises:
+        ExperimentError: Two disturbances or faults have the same name.
+    """
     table: Tree = {}
     for name, info in fields_of(type(spec)).items():
         value = getattr(spec, name)
         if isinstance(info.family, EachOf):
-            table[name] = {member.kind: table_of(member) for member in value}
+            table[name] = {key: table_of(member) for key, member in _several(value, name).items()}
         elif info.adapter is None:
             table[name] = table_of(value)
         else:
             table[name] = _listed(value)
     return table
+
+
+def _several(members: Any, path: str) -> dict[str, Any]:
+    try:
+        return by_name(members)
+    except (TypeError, ValueError) as error:
+        raise ExperimentError(f"{path}: {error}") from None
 
 
 def _listed(value: Any) -> Any:
@@ -91,20 +103,50 @@ def _spec(spec: type, tree: Any, here: str) -> Any:
             values[name] = _spec(info.type, value, f"{path}.")
             continue
         kinds = members(info.family.package)
-        tables = value if isinstance(info.family, EachOf) else {str(value.get("kind")): value}
-        for kind in tables:
-            if kind not in kinds:
-                raise ExperimentError(f"unknown {name} {instead(kind, kinds)}")
-        each = isinstance(info.family, EachOf)
-        specs = tuple(
-            _spec(kinds[kind], table, f"{path}.{kind}." if each else f"{path}.")
-            for kind, table in sorted(tables.items())
-        )
-        values[name] = specs if each else specs[0]
+        if isinstance(info.family, EachOf):
+            values[name] = tuple(_each(kinds, key, table, f"{path}.{key}") for key, table in sorted(value.items()))
+        else:
+            values[name] = _spec(kinds[_known(value.get("kind"), kinds, name)], value, f"{path}.")
     try:
         return spec(**values)
     except ValueError as error:
         raise ExperimentError(f"{here}{error}") from None
+
+
+def _each(kinds: dict[str, type], name: str, table: Any, path: str) -> Any:
+    """One of several members; it is `Named` unless its name is its kind."""
+    if not isinstance(table, dict):
+        raise ExperimentError(f"{path} = {reprlib.repr(table)} is not a table")
+    kind = kind_under(name, table.get("kind", name), kinds, path)
+    member = _spec(kinds[kind], table, f"{path}.")
+    return member if name == kind else Named(name, member)
+
+
+def kind_under(name: str, kind: Any, kinds: dict[str, type], path: str) -> str:
+    """The kind of a disturbance or fault under a name: any, but the name of a kind is for a member of that kind.
+
+    Raises:
+        ExperimentError: There is no such kind, or the name is not one or means another kind.
+    """
+    table = path.rpartition(".")[0]
+    kind = _known(kind, kinds, table)
+    if name == kind:
+        return kind
+    if name in kinds:
+        raise ExperimentError(
+            f"{path} is where a {name} stands: give the {kind} another name, such as {table}.{kind}_2 = '{kind}'"
+        )
+    try:
+        checked_name(name)
+    except ValueError as error:
+        raise ExperimentError(f"{table}: {error}") from None
+    return kind
+
+
+def _known(kind: Any, kinds: dict[str, type], family: str) -> str:
+    if not isinstance(kind, str) or kind not in kinds:
+        raise ExperimentError(f"unknown {family} {instead(kind, kinds)}")
+    return kind
 
 
 def _value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
@@ -200,11 +242,11 @@ def _toml(spec: Any, here: str) -> Iterator[str]:
         if not isinstance(value, tuple):
             yield from _toml(value, f"{here}{name}.")
             continue
-        present = {member.kind: member for member in value}
+        present = _several(value, f"{here}{name}")
         family = fields_of(type(spec))[name].family
         assert family is not None
         yield from (f'{kind} = "off"' for kind in members(family.package) if kind not in present)
-        for kind, member in present.items():
+        for key, member in present.items():
             yield ""
-            yield f"[{here}{name}.{kind}]"
-            yield from _toml(member, f"{here}{name}.{kind}.")
+            yield f"[{here}{name}.{key}]"
+            yield from _toml(member, f"{here}{name}.{key}.")

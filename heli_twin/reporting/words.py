@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from controllers.markers import EachOf
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import EachOf, OneOf, members
+from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import fields_of
 from heli_twin.reporting.intervals import Interval
 
@@ -74,11 +75,10 @@ def _unit(spec: type, keys: list[str]) -> str:
         return ""
     rest = keys[1:]
     if isinstance(part.family, EachOf):
-        kinds = members(part.family.package)
-        return _unit(kinds[rest[0]], rest[1:]) if len(rest) > 1 and rest[0] in kinds else ""
+        rest = rest[1:]
     if not rest:
         return part.unit
-    inner = members(part.family.package).values() if isinstance(part.family, OneOf) else [part.type]
+    inner = members(part.family.package).values() if part.family else [part.type]
     return next((unit for kind in inner if (unit := _unit(kind, rest))), "")
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from controllers.markers import OneOf
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import OneOf
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.text import load

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 
 from annotated_types import Ge, Gt, Le, MinLen, doc
 
-from heli_twin.experiment.families import OneOf, members
+from controllers.markers import OneOf
+from heli_twin.experiment.families import members
 from heli_twin.experiment.tree import ExperimentError, Tree, instead, spec_of
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid

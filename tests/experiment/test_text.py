@@ -7,8 +7,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from controllers.markers import EachOf, OneOf
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import EachOf, OneOf, members
+from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.text import load, presets, put
