@@ -107,7 +107,7 @@ def test_what_names_nothing_is_refused_in_one_sentence(override: str, said: str)
     [(Named("a", Bias()), Named("a", Gust())), (Named("a b", Bias()),), (Named("gust", Bias()),), (3,), Bias(), None],
 )
 def test_objects_without_a_name_are_refused_in_one_sentence(disturbances) -> None:
-    with pytest.raises(ExperimentError, match="^disturbances"):
+    with pytest.raises(ExperimentError, match=r"^disturbances"):
         fly(Experiment(duration=0.5, disturbances=disturbances), log_dir=None)
 
 
