@@ -53,7 +53,7 @@ class LtvMpc:
 
 
 class LtvMpcController:
-    """One flight's LTV-MPC: the last plan, the integral states and the warm-started solvers."""
+    """The LTV-MPC of one flight, with its last plan and its integral states."""
 
     def __init__(self, spec: LtvMpc) -> None:
         self._spec = spec
@@ -67,8 +67,10 @@ class LtvMpcController:
             A, B = level.discretise(*level.jacobians(np.zeros((1, len(Q)))))
             P = riccati_terminal_weight(A[0], B[0], Q, np.diag(spec.R))
             self._weights = self._weights._replace(sqrt_Qf=np.linalg.cholesky(P).T)
+        at_rest, u_hover = np.zeros((spec.steps + 1, len(Q))), np.tile(model.u_hover, (spec.steps, 1))
+        hover = self._linearise(at_rest[0], u_hover, at_rest[:, :2])
         subsystems = SUBSYSTEMS[spec.coupling]
-        self._problems = [_Problem(part, spec.steps, self._limits, self._weights) for part in subsystems]
+        self._problems = [_Problem(part, self._limits, self._weights, hover) for part in subsystems]
         self._solutions: list[Solution] = []
         self._state_order = np.argsort(np.concatenate([part.states for part in subsystems]))
         self._u_nominal: Array | None = None
@@ -155,10 +157,11 @@ class LtvMpcController:
 class _Problem:
     """The optimisation (26) of one subsystem: its weights, condenser and solver."""
 
-    def __init__(self, subsystem: Subsystem, steps: int, limits: Limits, weights: Weights) -> None:
+    def __init__(self, subsystem: Subsystem, limits: Limits, weights: Weights, hover: Ltv) -> None:
         self.subsystem, self.weights = subsystem, weights.of(subsystem)
-        self.condenser = Condenser(steps, limits, subsystem)
-        self.solver = ProxQp(steps, len(subsystem.inputs))
+        self.condenser = Condenser(len(hover.A), limits, subsystem)
+        sample = self.condenser(hover, self.weights, np.zeros_like(hover.x_nominal), np.zeros_like(hover.u_nominal))
+        self.solver = ProxQp(sample, len(subsystem.inputs))
 
 
 _CANCELLED = {"z": np.array([0.0, 0.0, 1.0, 0.0]), "all": np.ones(4)}

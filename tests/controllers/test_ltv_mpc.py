@@ -138,10 +138,10 @@ class Failing:
 
     def __init__(self, monkeypatch, fails):
         self._fails, self._calls, self.solve_ns = fails, 0, 0
-        monkeypatch.setattr(ltv_mpc, "ProxQp", self._of_steps)
+        monkeypatch.setattr(ltv_mpc, "ProxQp", self._of_sample)
 
-    def _of_steps(self, steps, inputs):
-        self._solver = ProxQp(steps, inputs)
+    def _of_sample(self, sample, inputs):
+        self._solver = ProxQp(sample, inputs)
         return self
 
     def __call__(self, qp):
