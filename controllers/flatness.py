@@ -32,15 +32,9 @@ def feed_forward(model: Model, flat: FlatOutput) -> Array:
 
     (5) is printed with the wrong sign of g: (1) gives u_z = (z'' + g) / b_z.
     """
-    yaw = flat.z[..., 3]
-    c, s = np.cos(yaw), np.sin(yaw)
-    (dx, dy, _, dyaw), (ddx, ddy, ddz, ddyaw) = np.moveaxis(flat.dz, -1, 0), np.moveaxis(flat.ddz, -1, 0)
-    return np.stack(
-        [
-            (c * (ddx - model.k_x * dx) + s * (ddy - model.k_x * dy)) / model.b_x,
-            (c * (ddy - model.k_y * dy) - s * (ddx - model.k_y * dx)) / model.b_y,
-            (ddz + GRAVITY) / model.b_z,
-            (ddyaw - model.k_yaw * dyaw) / model.b_yaw,
-        ],
-        axis=-1,
-    )
+    yaw, u = flat.z[..., 3], flat.ddz.copy()
+    drag = np.array([model.k_x, model.k_y]) * rotate_to_body(flat.dz[..., :2], yaw)
+    u[..., :2] = rotate_to_body(flat.ddz[..., :2], yaw) - drag
+    u[..., 2] += GRAVITY
+    u[..., 3] -= model.k_yaw * flat.dz[..., 3]
+    return u / np.array([model.b_x, model.b_y, model.b_z, model.b_yaw])

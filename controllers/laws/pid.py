@@ -94,6 +94,6 @@ class PidController:
 
 
 def _rotated(v: Array, angle: float) -> Array:
-    """Rotate a vector x y z yaw about the vertical axis by an angle, rad."""
+    """Rotate a vector x y z yaw about the vertical axis by an angle, rad; faster than `rotate_to_world`."""
     c, s = cos(angle), sin(angle)
     return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2], v[3]])

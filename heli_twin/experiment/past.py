@@ -20,7 +20,7 @@ from heli_twin.experiment.fields import fields_of
 
 Tree = dict[str, Any]
 
-PHYSICS_VERSION = 3
+PHYSICS_VERSION = 4
 """Part of every run's id. Raise it by hand when the same experiment comes to fly differently: then old results do not
 count as flown any more."""
 UNRECORDED_VERSION = 3

@@ -72,7 +72,8 @@ def test_control_step_on_the_circle(benchmark, coupling):
 
 
 def test_solve_with_proxqp(benchmark):
-    upcoming, solver = iter(problems(WHOLE) * 10), ProxQp(WHOLE.steps, 4)
+    qps = problems(WHOLE)
+    upcoming, solver = iter(qps * 10), ProxQp(qps[0], 4)
     benchmark.pedantic(lambda: solver(next(upcoming)), rounds=4000, warmup_rounds=100)
 
 

@@ -133,6 +133,26 @@ def test_the_plan_is_the_minimiser_of_the_printed_problem(coupling, discretisati
     assert (command.plan.u <= MODEL.u_max).all()
 
 
+@pytest.mark.parametrize("coupling", ["removed", "full"])
+def test_one_problem_alone_has_the_answer_it_had_in_flight(coupling):
+    """Not one digit depends on the problems solved before: what counts are the nominal inputs and the integrals."""
+    spec, rng = LtvMpc(coupling=coupling), np.random.default_rng(0)
+    flown = spec.start()
+    flight = [
+        (estimate([3, 3, 1, 1, 1, 1, 1, 1] * OFF + 0.1 * rng.standard_normal(8)), planned(Circle(), k, spec.steps))
+        for k in range(12)
+    ]
+    commands = [flown.explain(flown.step(k, *inputs)) for k, inputs in enumerate(flight)]
+    alone = spec.start()
+    for inputs in flight[:-1]:
+        alone.problem(*inputs)
+    alone.linearise_along(commands[-1].plan.u_nominal)
+    again = alone.explain(alone.step(11, *flight[-1]))
+    np.testing.assert_array_equal(again.plan.u, commands[-1].plan.u)
+    assert again.qp == commands[-1].qp
+    assert again.qp.active_bounds > 0
+
+
 class Failing:
     """A solver that gives up at the calls it is told to; one solver serves a model in one part."""
 
