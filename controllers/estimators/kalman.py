@@ -3,15 +3,19 @@
 from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from math import atan2, cos, isfinite, sin
+from math import atan2, cos, exp, isfinite, sin
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.model import Input, Model, State, simulator
+from controllers.model import Input, Model, Push, State, simulator
+from controllers.pose_screen import PoseScreen, ScreenSettings
 from controllers.rotations import wrap_angle
 from controllers.signals import Array, Estimate, Pose, nanoseconds
+
+FADE_AFTER_S = 0.1
+"""Time without a fused pose after which the disturbance fades; no pose of a sound lab is as late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +26,10 @@ class Kalman:
     filter's covariance is consistent in the lab: the NEES is 6.8 on hover and circle, where 8 is expected (`heli-twin
     reestimate`). Five refused poses in a row are 50 ms: in six times the lab's wind, a filter that waits for twenty
     predicts from a velocity that is no longer true.
+
+    `withstand_faults`: a jump of the poses is believed only when it lasts for `jump_time` (see `pose_screen`), a
+    heading that jumps by 180 degrees is turned back, poses that repeat the last one bit by bit are refused, and while
+    no pose is fused the disturbance fades to its mean.
     """
 
     kind: Literal["kalman"] = "kalman"
@@ -34,7 +42,13 @@ class Kalman:
     disturbance_walk: Annotated[float, Ge(0), Unit("m/s^2/sqrt(s)"), doc("drift of the disturbance")] = 0.2
     yaw_disturbance_walk: Annotated[float, Ge(0), Unit("rad/s^2/sqrt(s)"), doc("drift of the yaw disturbance")] = 1.0
     gate: Annotated[float, Gt(0), doc("squared innovation over its variance that refuses a pose; 10.8 is 0.1 %")] = 10.8
-    reset_after: Annotated[int, Ge(1), doc("refused poses in a row after which the next is believed")] = 5
+    reset_after: Annotated[int, Ge(1), doc("refused poses in a row of which the last is believed, if none jumps")] = 5
+    withstand_faults: Annotated[bool, doc("recognise poses that jump, flip or freeze; off: the gate alone")] = True
+    jump_time: Annotated[float, Ge(0), Le(10), Unit("s"), doc("how long a jump has to last to be believed")] = 0.6
+    stray_speed: Annotated[float, Gt(0), Unit("m/s"), doc("error of the predicted velocity that is no jump")] = 1.0
+    stray_yaw_rate: Annotated[float, Gt(0), Unit("rad/s"), doc("error of the predicted yaw rate, no jump")] = 5.0
+    gust_time: Annotated[float, Gt(0), Unit("s"), doc("time in which an unseen disturbance fades to its mean")] = 0.7
+    mean_time: Annotated[float, Gt(0), Unit("s"), doc("time over which the mean disturbance is taken")] = 10.0
 
     @property
     def lead(self) -> float:
@@ -52,7 +66,13 @@ class KalmanFilter:
     def __init__(self, spec: Kalman, model: Model) -> None:
         self._spec = spec
         self._delay = nanoseconds(spec.command_delay)
-        self._R = np.array([spec.position_noise] * 3 + [spec.yaw_noise]) ** 2
+        noise = np.array([spec.position_noise] * 3 + [spec.yaw_noise])
+        self._R = noise**2
+        stray = np.array([spec.stray_speed] * 3 + [spec.stray_yaw_rate])
+        jump_time = nanoseconds(spec.jump_time)
+        self._screen = PoseScreen(
+            ScreenSettings(spec.gate, spec.reset_after, spec.withstand_faults, jump_time, noise, stray)
+        )
         # [position, velocity, disturbance]' = rates [...] on each axis. Drag is taken along the world axes here: its
         # share in the covariance of one frame is below 1 %.
         self._rates = np.zeros((4, 3, 3))
@@ -67,10 +87,12 @@ class KalmanFilter:
         self._transition = lru_cache(64)(self._transition_over)
         self._acting: deque[tuple[int, Input]] = deque([(-(1 << 62), model.u_hover)])
         self._x: State | None = None
-        self._d = (0.0, 0.0, 0.0, 0.0)
+        self._d = self._d_mean = (0.0, 0.0, 0.0, 0.0)
+        self._averaged = 0
+        """Time over which the mean disturbance is taken so far, ns."""
         self._P = np.zeros((4, 3, 3))
         self._stamp, self._age = -1, 0
-        self._rejected, self._rejected_in_a_row = 0, 0
+        self._rejected = 0
         self.innovation: tuple[Array, Array] | None = None
         """Of the last pose that was compared with a prediction, fused or refused: measured minus predicted x y z yaw
         (4,), and its variance (4,)."""
@@ -83,7 +105,7 @@ class KalmanFilter:
     def receive(self, now: int, pose: Pose) -> None:
         """Fuse a pose at its capture time.
 
-        A pose that is stale, non-finite or outside the gate is refused.
+        A pose that is stale, non-finite, frozen or outside the gate is refused.
 
         Args:
             now: When it arrived, ns.
@@ -99,7 +121,7 @@ class KalmanFilter:
         if self._x is None:
             self._restart(pose.stamp, (*measured, 0.0, 0.0, 0.0, 0.0))
         else:
-            self._fuse(pose.stamp, measured)
+            self._fuse(pose, measured)
         self._age = now - pose.stamp
 
     def estimate(self, now: int) -> Estimate | None:
@@ -120,7 +142,7 @@ class KalmanFilter:
         x = self._predict(self._x, self._stamp, until)
         P = self.covariance(until)
         variance = np.diagonal(P, axis1=1, axis2=2).copy()
-        return Estimate(stamp, np.array(x), np.array(self._d), variance, self._stamp, self._rejected)
+        return Estimate(stamp, np.array(x), np.array(self._push(until)), variance, self._stamp, self._rejected)
 
     def covariance(self, until: int) -> Array:
         """Covariances (4, 3, 3) of position, velocity and disturbance of each axis x y z yaw at `until` (ns)."""
@@ -128,38 +150,64 @@ class KalmanFilter:
 
     def _restart(self, stamp: int, x: State) -> None:
         self._x, self._stamp, self._d = x, stamp, (0.0, 0.0, 0.0, 0.0)
+        self._screen.restart(stamp)
         self._P = np.zeros((4, 3, 3))
         self._P[:, 0, 0] = self._R
         # The motion is unknown: 1 m/s, 3 rad/s, and 0.3 m/s^2 or 3 rad/s^2 of disturbance, standard deviations.
         self._P[:, 1, 1] = [1.0, 1.0, 1.0, 9.0]
         self._P[:, 2, 2] = [0.09, 0.09, 0.09, 9.0]
 
-    def _fuse(self, stamp: int, measured: tuple[float, float, float, float]) -> None:
+    def _fuse(self, pose: Pose, measured: Input) -> None:
         assert self._x is not None
-        x = self._predict(self._x, self._stamp, stamp)
-        P = self._spread((stamp - self._stamp) * 1e-9)
+        stamp, since = pose.stamp, self._stamp
+        x, d = self._predict(self._x, since, stamp), self._push(stamp)
+        P = self._spread((stamp - since) * 1e-9)
         yaw_error = wrap_angle(measured[3] - x[3])
         innovation = np.array([measured[0] - x[0], measured[1] - x[1], measured[2] - x[2], yaw_error])
         S = P[:, 0, 0] + self._R
-        self.innovation = innovation, S
-        if (innovation * innovation > self._spec.gate * S).any():
+        if self._screen.is_frozen(pose, innovation):
             self._rejected += 1
-            self._rejected_in_a_row += 1
-            if self._rejected_in_a_row >= self._spec.reset_after:
-                self._rejected_in_a_row = 0
+            return
+        verdict, innovation = self._screen.judge(stamp, since, innovation, S)
+        self.innovation = innovation, S
+        if verdict != "fuse":
+            self._rejected += 1
+            if verdict == "restart":
                 # The predicted motion is still the best guess, but its covariance is not valid any more.
                 self._restart(stamp, _corrected(x, (*innovation.tolist(),), (0.0, 0.0, 0.0, 0.0)))
             return
-        self._rejected_in_a_row = 0
         K = P[:, :, 0] / S[:, None]
         self._P = P - K[:, :, None] * P[:, None, 0, :]
         (dx, dvx, dax), (dy, dvy, day), (dz, dvz, daz), (dyaw, dr, dar) = (K * innovation[:, None]).tolist()
         self._x = _corrected(x, (dx, dy, dz, dyaw), (dvx, dvy, dvz, dr))
-        d = self._d
         self._d = (d[0] + dax, d[1] + day, d[2] + daz, d[3] + dar)
+        self._average(stamp - since)
         self._stamp = stamp
         while len(self._acting) > 1 and self._acting[1][0] <= stamp:
             self._acting.popleft()
+
+    def _average(self, time: int) -> None:
+        """Take the disturbance of the last `time` ns into its mean."""
+        self._averaged = min(self._averaged + time, nanoseconds(self._spec.mean_time))
+        share = min(time / self._averaged, 1.0)
+        mx, my, mz, m_yaw = self._d_mean
+        dx, dy, dz, d_yaw = self._d
+        self._d_mean = (
+            mx + share * (dx - mx),
+            my + share * (dy - my),
+            mz + share * (dz - mz),
+            m_yaw + share * (d_yaw - m_yaw),
+        )
+
+    def _push(self, until: int) -> Push:
+        """The disturbance that is expected at `until` (ns): in time without poses, the gust in it fades."""
+        unseen = 1e-9 * (until - self._stamp) - FADE_AFTER_S
+        if unseen <= 0.0 or not self._spec.withstand_faults:
+            return self._d
+        keep = exp(-unseen / self._spec.gust_time)
+        mx, my, mz, m_yaw = self._d_mean
+        dx, dy, dz, d_yaw = self._d
+        return (mx + keep * (dx - mx), my + keep * (dy - my), mz + keep * (dz - mz), m_yaw + keep * (d_yaw - m_yaw))
 
     def _predict(self, x: State, start: int, until: int) -> State:
         """Integrate the believed model from `start` to `until` (ns) under the commands that act in between."""
@@ -168,7 +216,7 @@ class KalmanFilter:
             end = min(until, pieces[i + 1][0]) if i + 1 < len(pieces) else until
             begin = max(start, since)
             if end > begin:
-                (x,) = self._simulator((end - begin) * 1e-9)(x, (u,), self._d)
+                (x,) = self._simulator((end - begin) * 1e-9)(x, (u,), self._push(begin))
         return x
 
     def _spread(self, dt: float) -> Array:

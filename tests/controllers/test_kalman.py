@@ -234,29 +234,38 @@ def test_noise_as_it_is_believed_to_be_is_not_gated():
     assert lab.estimates[9980 * MS].rejected < 12
 
 
-@pytest.mark.parametrize("reset_after", [1, 5, 20])
-def test_after_so_many_refused_poses_in_a_row_the_place_is_believed_and_the_motion_kept(reset_after):
-    kalman = Kalman(reset_after=reset_after, command_delay=0.0).start(MODEL)
+def carried_away(kalman):
+    """Seven turns, then somebody carries it away: when the filter believes so, and the yaw rate until then."""
     turned = 7 * 2 * pi + 0.5
-    kalman.receive(0, pose_of(AT_REST))
-    # Seven turns, then somebody carries it away.
-    for k in range(1, 1001):
+    for k in range(1001):
         kalman.receive(10 * k * MS, pose_of((*AT_REST[:3], 0.5 + (turned - 0.5) * k / 1000), 10 * k * MS))
     elsewhere = (1.5, -1.0, 0.5, turned + 1.0, 0, 0, 0, 0)
     now = 10_000 * MS
     turning = kalman.estimate(now).x[7]
     assert turning == pytest.approx(7 * 2 * pi / 10, rel=0.01)
-    for _ in range(reset_after):
-        assert abs(kalman.estimate(now).x[0] - AT_REST[0]) < 0.01
+    while abs(kalman.estimate(now).x[0] - AT_REST[0]) < 0.02:
         now += 10 * MS
         kalman.receive(now, pose_of(elsewhere, now))
+    return now, elsewhere, turning
+
+
+@pytest.mark.parametrize(
+    ("spec", "poses"),
+    [(Kalman(reset_after=n, withstand_faults=False), n) for n in (1, 5, 20)]
+    + [(Kalman(jump_time=t), 1 + round(100 * t)) for t in (0.3, 0.6)],
+)
+def test_a_jump_that_lasts_is_believed_and_the_motion_kept(spec, poses):
+    kalman = replace(spec, command_delay=0.0).start(MODEL)
+    now, elsewhere, turning = carried_away(kalman)
     estimate = kalman.estimate(now)
-    assert estimate.rejected == reset_after
+    assert now == 10_000 * MS + 10 * poses * MS
+    assert estimate.rejected == poses
     assert estimate.pose_stamp == now
-    # It is where it was just seen, with the turns it has made. It turns on, for the disturbance balances drag.
+    # It is where it was just seen, with the turns it has made.
     np.testing.assert_allclose(estimate.x[:4], elsewhere[:4], rtol=0, atol=1e-9)
     np.testing.assert_allclose(estimate.x[4:7], 0.0, rtol=0, atol=1e-9)
-    assert estimate.x[7] == pytest.approx(turning, rel=1e-9)
+    # It turns on, for the disturbance balances drag; where jumps are doubted, that fades with what is its mean: 1 %.
+    assert estimate.x[7] == pytest.approx(turning, rel=0.01 if spec.withstand_faults else 1e-9)
     assert not estimate.disturbance.any()
 
 
@@ -317,3 +326,104 @@ def test_errors_are_as_large_as_the_filter_says():
 def test_heading_is_the_yaw_of_any_attitude(yaw, pitch, roll, size, sign):
     # Rounding, magnified by 1 / cos(1.4) near the pole.
     assert heading(sign * size * attitude(yaw, pitch, roll)) == pytest.approx(yaw, abs=1e-13)
+
+
+def lost(start, duration):
+    """No poses from `start` for `duration` s."""
+    return lambda pose: None if start <= 1e-9 * pose.stamp < start + duration else pose
+
+
+def changed(start, duration, change):
+    """Poses that a tracker gets wrong from `start` for `duration` s."""
+    return lambda pose: change(pose) if start <= 1e-9 * pose.stamp < start + duration else pose
+
+
+def half_turn(axis):
+    def change(pose):
+        w, x, y, z = pose.quat_wxyz
+        return pose._replace(quat_wxyz=np.array([(-x, w, z, -y), (-y, -z, w, x), (-z, y, -x, w)][axis]))
+
+    return change
+
+
+def seen_through(fault, seed=3):
+    """A noisy flight of 5 s whose poses pass a fault."""
+    see = noisy(np.random.default_rng(seed))
+    return Lab(Kalman(), push=(0.1, -0.05, 0.0, 0.0), see=lambda pose: fault(see(pose))).fly(5.0)
+
+
+def assert_same_estimates(lab, expected):
+    for t, estimate in lab.estimates.items():
+        if estimate:
+            for a, b in zip(estimate._replace(rejected=0), expected.estimates[t]._replace(rejected=0), strict=True):
+                np.testing.assert_array_equal(a, b)
+
+
+def test_frozen_poses_are_lost_poses():
+    last = []
+
+    def freeze(pose):
+        frozen = pose if not last or not 3.0 <= 1e-9 * pose.stamp < 3.5 else last[-1]._replace(stamp=pose.stamp)
+        last.append(frozen)
+        return frozen
+
+    assert_same_estimates(seen_through(freeze), seen_through(lost(3.0, 0.5)))
+
+
+def test_exact_poses_of_a_helicopter_that_stands_still_are_not_frozen():
+    lab = Lab(Kalman()).fly(2.0, lambda t: MODEL_HOVER)
+    assert lab.estimates[1980 * MS].rejected == 0
+
+
+@pytest.mark.parametrize("duration", [0.01, 0.2, 2.0])
+@pytest.mark.parametrize("axis", [0, 1, 2], ids="xyz")
+def test_a_flipped_attitude_is_turned_back(axis, duration):
+    lab, sound = seen_through(changed(3.0, duration, half_turn(axis))), seen_through(lambda pose: pose)
+    for t, estimate in lab.estimates.items():
+        if estimate:
+            assert estimate.rejected == sound.estimates[t].rejected
+            # Turning a quaternion about x or y by 180 degrees mirrors the heading's noise in roll and pitch: none here.
+            np.testing.assert_allclose(estimate.x, sound.estimates[t].x, rtol=0, atol=1e-9)
+
+
+def test_a_first_pose_that_is_flipped_does_not_stay():
+    lab = seen_through(changed(0.0, 0.2, half_turn(2)))
+    # Within `reset_after` poses of the first right one; the wrong motion learnt meanwhile is gone half a second later.
+    assert np.abs(np.sin(lab.errors(since=0.8)[:, 3])).max() < 0.05
+    assert np.cos(lab.errors(since=0.3)[:, 3]).min() > 0.5
+
+
+@pytest.mark.parametrize("size", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_a_jump_that_does_not_last_is_not_believed(size, yaw):
+    rng = np.random.default_rng(0)
+    leap = rng.normal(size=3)
+    leap *= size / np.linalg.norm(leap)
+
+    def swap(pose):
+        return Pose(pose.stamp, pose.position + leap, attitude(heading(pose.quat_wxyz) + yaw))
+
+    assert_same_estimates(seen_through(changed(3.0, 0.3, swap)), seen_through(lost(3.0, 0.3)))
+
+
+@pytest.mark.parametrize("kick", [(0.8, 0.0, 0.0), (0.0, -0.8, 0.0), (0.0, 0.0, 0.5)])
+def test_a_helicopter_that_was_hit_is_followed(kick):
+    """No jump: the poses move on from where it was, at a speed that nobody foresaw."""
+    kicked = changed(3.0, 9.0, lambda p: p._replace(position=p.position + (1e-9 * p.stamp - 3.0) * np.array(kick)))
+    lab = seen_through(kicked)
+    errors = lab.errors(since=3.0)[:, :3] - np.outer(np.arange(0.022, 2.0, 0.02)[: len(lab.errors(since=3.0))], kick)
+    # Five refused poses and the age of the newest: 0.8 m/s for 0.1 s; then it is as good as ever.
+    assert np.abs(errors).max() < 0.1
+    assert np.abs(errors[30:]).max() < 0.01
+
+
+def test_while_nobody_looks_the_disturbance_fades_to_its_mean():
+    """A push for 2 s that is a gust: half of it is the mean of 4 s, and after an outage of 3 s only that is left."""
+    lab = Lab(Kalman(mean_time=4.0), see=lost(4.0, 3.5))
+    lab.fly(2.0)
+    lab._push = (0.3, 0.0, 0.0, 0.0)
+    lab.fly(5.4)
+    blind = np.array([e.disturbance[0] for t, e in lab.estimates.items() if e and t >= 4040 * MS])
+    assert blind[0] == pytest.approx(0.3, rel=0.2)
+    assert (np.diff(blind) <= 0).all()
+    assert blind[-1] == pytest.approx(0.13, abs=0.03)
