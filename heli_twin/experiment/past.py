@@ -38,8 +38,15 @@ class Past(NamedTuple):
     """False for a field that older versions had too, with this value as its default."""
 
 
+_KALMAN = "controllers.estimators.kalman.Kalman"
 PAST: dict[str, Past] = {
     "heli_twin.lab.plant.mujoco.MuJoCo.effects": Past(3, {}),
+    f"{_KALMAN}.withstand_faults": Past(4, False),
+    f"{_KALMAN}.jump_time": Past(4, 0.6),
+    f"{_KALMAN}.stray_speed": Past(4, 1.0),
+    f"{_KALMAN}.stray_yaw_rate": Past(4, 5.0),
+    f"{_KALMAN}.gust_time": Past(4, 0.7),
+    f"{_KALMAN}.mean_time": Past(4, 10.0),
 }
 """By the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
 

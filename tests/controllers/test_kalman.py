@@ -245,7 +245,9 @@ def carried_away(kalman):
     assert turning == pytest.approx(7 * 2 * pi / 10, rel=0.01)
     while abs(kalman.estimate(now).x[0] - AT_REST[0]) < 0.02:
         now += 10 * MS
-        kalman.receive(now, pose_of(elsewhere, now))
+        # A micrometre to and fro: poses that repeat themselves would be frozen.
+        kalman.receive(now, pose_of((1.5, -1.0, 0.5 + 1e-6 * (now // MS % 20), *elsewhere[3:]), now))
+        assert now < 12_000 * MS
     return now, elsewhere, turning
 
 
@@ -262,7 +264,7 @@ def test_a_jump_that_lasts_is_believed_and_the_motion_kept(spec, poses):
     assert estimate.rejected == poses
     assert estimate.pose_stamp == now
     # It is where it was just seen, with the turns it has made.
-    np.testing.assert_allclose(estimate.x[:4], elsewhere[:4], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(estimate.x[:4], elsewhere[:4], rtol=0, atol=1e-5)
     np.testing.assert_allclose(estimate.x[4:7], 0.0, rtol=0, atol=1e-9)
     # It turns on, for the disturbance balances drag; where jumps are doubted, that fades with what is its mean: 1 %.
     assert estimate.x[7] == pytest.approx(turning, rel=0.01 if spec.withstand_faults else 1e-9)
@@ -382,7 +384,7 @@ def test_a_flipped_attitude_is_turned_back(axis, duration):
     for t, estimate in lab.estimates.items():
         if estimate:
             assert estimate.rejected == sound.estimates[t].rejected
-            # Turning a quaternion about x or y by 180 degrees mirrors the heading's noise in roll and pitch: none here.
+            # Rounding of the half turn.
             np.testing.assert_allclose(estimate.x, sound.estimates[t].x, rtol=0, atol=1e-9)
 
 
