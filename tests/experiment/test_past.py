@@ -42,6 +42,8 @@ WITH_PAST = [
 
 @pytest.fixture
 def past(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in list(PAST):
+        monkeypatch.delitem(PAST, name)
     for name, value in CAME_IN_3.items():
         monkeypatch.setitem(PAST, name, value)
 
