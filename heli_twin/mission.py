@@ -1,6 +1,6 @@
 """From an experiment to a result: check it, fly it, keep its log, measure it."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -22,7 +22,8 @@ from heli_twin.flight import Flight, Outcome
 from heli_twin.lab.plant import Plant
 from heli_twin.logbook import begin_log, planned_path
 from heli_twin.metrics.tracking import metrics
-from heli_twin.recording import Log, read_log
+from heli_twin.recording import Log, LogExistsError, Recorder, read_log
+from heli_twin.recording.writer import Listener
 from heli_twin.whole_file import free_path
 
 if TYPE_CHECKING:
@@ -88,10 +89,9 @@ def fly(
         LogError: The log cannot be started; one that cannot go on later is told in the result.
     """
     experiment = checked(experiment)
-    path = _new_path(Path(log_dir), experiment) if log_dir is not None else None
     plant = _start(experiment)
     pictures = _pictures(experiment, rerun)
-    recorder = begin_log(path, experiment, mjcf=plant.description(), listeners=[pictures] if pictures else [])
+    recorder = _begin_log(log_dir, experiment, plant, [pictures] if pictures else [])
     with recorder, closing(pictures) if pictures else nullcontext():
         recorder.reference_path(0, planned_path(experiment))
         began = perf_counter()
@@ -142,8 +142,16 @@ def _pictures(experiment: Experiment, rerun: str | None) -> "Live | None":
     return Live(destination(rerun), scales_of(experiment))
 
 
-def _new_path(folder: Path, experiment: Experiment) -> Path:
-    """A name that tells what was flown, and that no other log has."""
+def _begin_log(
+    folder: Path | str | None, experiment: Experiment, plant: Plant, listeners: Sequence[Listener]
+) -> Recorder:
+    """A log under a name that tells what was flown, and that no flight in another process takes at the same time."""
     kinds = [tree_of(experiment)[part]["kind"] for part in ("plant", "trajectory", "controller")]
     stem = "-".join([datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), *kinds, f"seed{experiment.seed}"])
-    return free_path(folder / f"{stem}.mcap")
+    while True:
+        path = None if folder is None else free_path(Path(folder) / f"{stem}.mcap")
+        try:
+            return begin_log(path, experiment, mjcf=plant.description(), listeners=listeners)
+        except LogExistsError:
+            # Another flight took the name after `free_path` had looked: the next one is tried.
+            continue

@@ -2,6 +2,7 @@
 
 from collections.abc import Generator
 from contextlib import contextmanager
+from os.path import lexists
 from pathlib import Path
 
 
@@ -34,9 +35,12 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def free_path(path: Path) -> Path:
-    """`path`, or if it or its `.part` is taken, the first free of `NAME-2.EXT`, `NAME-3.EXT`, ..."""
+    """`path`, or if it or its `.part` is taken, the first free of `NAME-2.EXT`, `NAME-3.EXT`, ...
+
+    It only looks: another process may take the name before it is used.
+    """
     free, count = path, 1
-    while free.exists() or part_of(free).exists():
+    while lexists(free) or lexists(part_of(free)):
         count += 1
         free = path.with_name(f"{path.stem}-{count}{path.suffix}")
     return free

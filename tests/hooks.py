@@ -3,8 +3,11 @@
 import json
 import os
 import time
+from datetime import datetime
 from pathlib import Path
+from unittest import mock
 
+from heli_twin import fly, load
 from heli_twin.workers.task import Flown, Task
 
 
@@ -80,3 +83,12 @@ def rough(limit: float, task: Task) -> Flown:
     row |= {f"rmse.{axis}": strength * scale for axis, scale in (("position", 1.0), ("x", 0.7), ("y", 0.6), ("z", 0.1))}
     row["rmse.position"] += 1e-3 * (experiment["seed"] + (experiment["controller"]["coupling"] == "full"))
     return Flown(row | {"rmse.yaw": 0.01, "solve_ms.p50": 0.2, "solve_ms.p99": 0.5, "solve_ms.max": 1.0})
+
+
+def fly_in_one_second(folder: Path, worker: int) -> list[tuple[str, str]]:
+    """Flights of which each starts in the same second: names of the logs and the digests of the flights."""
+    noon = datetime(2026, 1, 1, 12)
+    with mock.patch("heli_twin.mission.datetime", mock.Mock(now=lambda zone: noon)):
+        flights = [load("ideal", [f"duration={0.04 + 0.02 * number + 0.2 * worker}"]) for number in range(10)]
+        results = [fly(flight, log_dir=folder) for flight in flights]
+    return [(result.path.name if result.path else "", result.flight_digest) for result in results]

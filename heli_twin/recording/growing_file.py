@@ -8,7 +8,7 @@ from io import BytesIO
 from pathlib import Path
 
 from heli_twin.pasteable import pasteable
-from heli_twin.recording.schema import LogError
+from heli_twin.recording.schema import LogError, LogExistsError
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -24,20 +24,27 @@ class LogFile:
         clock: Tells the simulated time, ns.
 
     Raises:
-        LogError: The file exists already or cannot be made.
+        LogExistsError: The name is taken, also if another process takes it at this moment.
+        LogError: The file cannot be made.
     """
 
     def __init__(self, path: Path, clock: Callable[[], int] = lambda: 0) -> None:
         self.path, self.part = path, path.with_name(path.name + ".part")
-        for taken in (self.path, self.part):
-            if taken.exists():
-                raise LogError(f"the log {taken} exists already: choose another name or move it away")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise _unwritable(path, error) from error
+        try:
             # Unbuffered, because a buffer cannot be asked for what it could not write.
             self._file = self.part.open("x+b", buffering=0)
+        except FileExistsError:
+            raise _exists(self.part) from None
         except OSError as error:
-            raise LogError(f"the log {path} cannot be written ({_reason(error)}): record to another folder") from error
+            raise _unwritable(path, error) from error
+        # Whoever holds the `.part` file holds the name: looked up before, another flight could take it in between.
+        if os.path.lexists(path):
+            self.discard()
+            raise _exists(path)
         self._clock = clock
         self._size = 0
         self.memory: BytesIO | None = None
@@ -103,6 +110,14 @@ class LogFile:
             command = pasteable("heli-twin", "recover", self.part)
             self.trouble += f"; put that right, then `{command}` keeps what was written until then"
         _LOGGER.warning("%s", self.trouble)
+
+
+def _exists(path: Path) -> LogExistsError:
+    return LogExistsError(f"the log {path} exists already: choose another name or move it away")
+
+
+def _unwritable(path: Path, error: OSError) -> LogError:
+    return LogError(f"the log {path} cannot be written ({_reason(error)}): record to another folder")
 
 
 def _reason(error: OSError) -> str:

@@ -32,6 +32,10 @@ class LogError(HeliTwinError):
     """A log that cannot be written or read."""
 
 
+class LogExistsError(LogError):
+    """A log whose name is taken."""
+
+
 SEAL = "crc32"
 """Key of the checksum of a metadata record: MCAP has none, and a recovered number must be true."""
 

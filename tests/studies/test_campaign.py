@@ -88,13 +88,17 @@ from heli_twin.paper import flights
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.plan import plan_of
 from heli_twin.studies.study import study_of
+from heli_twin.workers.fleet import fleet
 from heli_twin.workers.task import Task
 
 if __name__ == "__main__":
     folder = Path(sys.argv[2])
     study = study_of(json.loads((folder / "study.json").read_text()))
     work = partial(getattr(hooks, sys.argv[4]), str(folder / "seen"))
-    if sys.argv[3] == "paper":
+    if sys.argv[3] == "fleet":
+        with fleet(2) as run:
+            list(run(work, [None] * 4))
+    elif sys.argv[3] == "paper":
         flights.fly_task = work
         flights.fly_all(folder, [Task(str(i), plan_of(study).space.base, "", True, True, None) for i in range(4)])
     else:
@@ -116,26 +120,27 @@ def drive(folder: Path, study: Study, command: str, work: str, lines: int) -> su
 
 
 def is_gone(group: int, patience: float) -> bool:
-    """Whether the last process of a group ends within so many seconds."""
+    """Whether the last process of a group ends within so many seconds; one that only waits to be reaped has ended."""
     deadline = time.monotonic() + patience
     while time.monotonic() < deadline:
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
+        listed = subprocess.run(["ps", "-eo", "pgid=,stat="], capture_output=True, text=True, check=True).stdout
+        if not any(int(line.split()[0]) == group and "Z" not in line for line in listed.splitlines()):
             return True
         time.sleep(0.05)
     return False
 
 
-@pytest.mark.parametrize("command", ["study", "paper"])
-@pytest.mark.parametrize("asked", [signal.SIGTERM, signal.SIGINT], ids=lambda asked: asked.name)
-def test_a_driver_that_is_told_to_stop_leaves_no_process_behind(small, tmp_path, command, asked):
+ENDINGS = {"fleet": ("SIGKILL", "SIGTERM", "SIGHUP"), "study": ("SIGKILL", "SIGTERM"), "paper": ("SIGHUP", "SIGINT")}
+
+
+@pytest.mark.parametrize(("command", "asked"), [(command, name) for command in ENDINGS for name in ENDINGS[command]])
+def test_a_driver_that_ends_leaves_no_process_behind(small, tmp_path, command, asked):
     driver = drive(tmp_path, small, command, "stay", 1)
-    os.kill(driver.pid, asked)
+    os.kill(driver.pid, signal.Signals[asked])
     try:
         # A KeyboardInterrupt ends Python by the signal that Ctrl-C is.
-        assert driver.wait(timeout=20) == -signal.SIGINT
-        assert is_gone(driver.pid, 10)
+        assert driver.wait(timeout=5) == -(signal.SIGKILL if asked == "SIGKILL" else signal.SIGINT)
+        assert is_gone(driver.pid, 2)
     finally:
         with suppress(ProcessLookupError):
             os.killpg(driver.pid, signal.SIGKILL)

@@ -1,5 +1,3 @@
-import multiprocessing
-import signal
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -22,7 +20,6 @@ from heli_twin.mission import fly
 from heli_twin.tuning import search
 from heli_twin.tuning.search import FAILED_COST, REACH_LOG, SEED_OFFSETS, moves, shares, start_gains, tune, with_gains
 from heli_twin.tuning.ultimate_gain import Ringing, Ultimate, border, find_ultimate, ringing
-from heli_twin.workers.fleet import fleet
 
 MODEL = Model()
 PID = Pid()
@@ -223,31 +220,3 @@ def test_what_is_printed_flies(monkeypatch, tmp_path, capsys):
 def test_a_budget_of_nothing_is_refused(capsys):
     assert main(["tune", "pid", "--budget", "0"]) == 2
     assert "leaves nothing to try" in capsys.readouterr().err
-
-
-def square(x):
-    return x * x
-
-
-@pytest.mark.parametrize("cores", [1, 2])
-def test_a_fleet_answers_in_order(cores):
-    with fleet(cores) as run:
-        assert list(run(square, [3, 1, 2])) == [9, 1, 4]
-
-
-def stopped():
-    with fleet(2) as run:
-        assert list(run(square, [3, 1])) == [9, 1]
-        assert multiprocessing.active_children()
-        signal.raise_signal(signal.SIGTERM)
-
-
-def test_a_fleet_that_is_told_to_stop_ends_its_processes():
-    # Not the default, which would end pytest.
-    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            stopped()
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    assert not multiprocessing.active_children()
