@@ -1,14 +1,43 @@
 """Files that are either not there or whole, under names that nobody has taken."""
 
-from collections.abc import Generator
+import signal
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from os.path import lexists
 from pathlib import Path
+from threading import current_thread, main_thread
+from types import FrameType
+from typing import Any
+
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that ask a program to end."""
 
 
 def part_of(path: Path) -> Path:
     """Where a file grows until it is whole: `NAME.part`."""
     return path.with_name(path.name + ".part")
+
+
+@contextmanager
+def uninterrupted() -> Generator[None]:
+    """Let a block that writes a file end before SIGINT, SIGTERM or SIGHUP takes effect.
+
+    Without handlers of these signals, and outside the main thread, nothing changes.
+    """
+    held: list[tuple[int, FrameType | None]] = []
+    handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
+    try:
+        for number in STOP_SIGNALS if current_thread() is main_thread() else ():
+            handler = signal.getsignal(number)
+            if callable(handler):
+                handlers[number] = handler
+                signal.signal(number, lambda number, frame: held.append((number, frame)))
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number, frame in held[:1]:
+            handlers[number](number, frame)
 
 
 @contextmanager

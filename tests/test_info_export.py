@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from heli_twin import HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
-from heli_twin.commands.info import LONGEST, about, plain
+from heli_twin.commands.info import about
 from heli_twin.commands.recover import lost, saved
 from heli_twin.exchange.arrow_tables import TOPICS, table, tables
 from heli_twin.logbook import opened
@@ -53,11 +53,6 @@ def test_info_reads_a_log_whose_experiment_it_cannot_fly(log: Log) -> None:
     found = about(replace(log, experiment='{"wings": 2}'))
     assert found["experiment"] is None
     assert "wings" in found["experiment_problem"]
-
-
-def test_a_logs_text_cannot_command_a_terminal() -> None:
-    assert plain("a\x1b[2J\r\nb") == "a?[2J??b"
-    assert len(plain("x" * 10_000)) == LONGEST + 3
 
 
 def test_info_prints_for_a_person(path: Path, capsys: pytest.CaptureFixture[str]) -> None:

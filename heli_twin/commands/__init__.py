@@ -1,11 +1,47 @@
 """The subcommands of `heli-twin`. One file here is one command, found without a registry.
 
 Each has `add(subparsers)`, which adds an argparse parser with `set_defaults(run=...)`; `run(parsed)` does the work and
-returns the exit code. Heavy imports belong inside `run`. A user's mistake is a `HeliTwinError` of one sentence.
+returns the exit code. Heavy imports belong inside `run`. A user's mistake is a `HeliTwinError` of one sentence. Text
+from logs, files and arguments is printed by `say`.
 """
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter, _SubParsersAction
+import sys
+from argparse import PARSER, ArgumentParser, Namespace, RawDescriptionHelpFormatter, _SubParsersAction
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from heli_twin.foreign_text import clean
+from heli_twin.pasteable import pasteable
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+LINE_LIMIT = 5000
+"""Characters of one printed line: room for a sentence and the longest path."""
+
+
+class Parser(ArgumentParser):
+    """A parser that takes words before, between and after the options, and refuses a mistake in one sentence."""
+
+    _inside = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Parse, options first; a command line that goes on in a subcommand is left to the subcommand's parser."""
+        if self._inside or any(action.nargs == PARSER for action in self._actions):
+            return super().parse_known_args(args, namespace)
+        self._inside = True
+        try:
+            parsed, unknown = self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._inside = False
+        if unknown:
+            options = [word for word in unknown if word.startswith("-")]
+            self.error(f"unrecognized arguments: {' '.join(options or unknown)}")
+        return parsed, []
+
+    def error(self, message: str) -> NoReturn:
+        """Print a sentence and exit with 2."""
+        self.exit(2, f"{self.prog}: {clean(message, 400)}; see `{pasteable(*self.prog.split(), '--help')}`\n")
 
 
 def command(
@@ -34,6 +70,7 @@ def add_experiment(parser: ArgumentParser) -> None:
     parser.add_argument(
         "experiment",
         nargs="*",
+        default=[],
         metavar="PRESET | EXPERIMENT.toml | path.to.field=value",
         help="what to fly: a preset (lab, ideal) or a TOML file, then changes of single fields; default lab",
     )
@@ -46,3 +83,24 @@ def experiment_arguments(parsed: Namespace) -> tuple[str | None, list[str]]:
     if source is not None:
         words.remove(source)
     return source, words
+
+
+def say(line: str) -> None:
+    """Print a line in which text from logs, files or arguments may stand: no control characters, not too long."""
+    print(clean(line, LINE_LIMIT))
+
+
+def progress_bar() -> "Progress":
+    """The bar of every command: on the standard error where that is a terminal, and gone when the work is done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    return Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(compact=True),
+        console=Console(stderr=True),
+        transient=True,
+        disable=sys.stderr is None or not sys.stderr.isatty(),
+    )

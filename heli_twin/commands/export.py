@@ -3,7 +3,7 @@
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
-from heli_twin.commands import command
+from heli_twin.commands import command, say
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -22,10 +22,10 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 
 def run(parsed: Namespace) -> int:
-    """Write them."""
+    """Write the files."""
     from heli_twin.exchange.arrow_tables import write_parquet
     from heli_twin.recording import read_log
 
     for path, rows in write_parquet(read_log(parsed.log), parsed.parquet):
-        print(f"{path}: {rows} rows")
+        say(f"{path}: {rows} rows")
     return 0

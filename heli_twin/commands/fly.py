@@ -1,12 +1,11 @@
 """`heli-twin fly`: fly one experiment, print what happened, leave a log."""
 
 import json
-import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import Any
 
-from heli_twin.commands import add_experiment, command, experiment_arguments
+from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar, say
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -38,24 +37,12 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Fly; the exit code is 0 when the flight completed, 1 when it ended early or its log could not be kept."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
     from heli_twin.experiment.text import load
     from heli_twin.mission import fly
 
     experiment = load(*experiment_arguments(parsed))
-    bar = Progress(
-        TextColumn("flying"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:g} s"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )
-    with bar:
-        task = bar.add_task("flying", total=experiment.duration)
+    with progress_bar() as bar:
+        task = bar.add_task("flying, s", total=experiment.duration)
         result = fly(
             experiment,
             log_dir=None if parsed.no_log else parsed.log_dir,
@@ -76,7 +63,7 @@ def show(summary: dict[str, Any]) -> None:
     from rich.table import Table
 
     console = Console()
-    console.print(f"[bold]{summary['outcome']}[/]: {summary['outcome_text']}", highlight=False)
+    say(f"{summary['outcome']}: {summary['outcome_text']}")
     errors = Table(title=f"error against the truth, from {summary['settling']:g} s on", title_justify="left")
     for column in ("", "x", "y", "z", "yaw"):
         errors.add_column(column, justify="right" if column else "left")
@@ -90,12 +77,10 @@ def show(summary: dict[str, Any]) -> None:
         times.add_row(name, *(_milliseconds(summary[key][p]) for p in ("p50", "p99", "max")))
     console.print(times)
     statuses = ", ".join(f"{count} {status}" for status, count in summary["qp_status"].items())
-    console.print(f"control problems: {statuses or 'none'}", highlight=False)
-    console.print(
-        f"{summary['real_time_factor']:.0f} times real time, digest {summary['flight_digest'][:16]}", highlight=False
-    )
+    say(f"control problems: {statuses or 'none'}")
+    say(f"{summary['real_time_factor']:.0f} times real time, digest {summary['flight_digest'][:16]}")
     if summary["log"]:
-        console.print(f"log {summary['log']}", highlight=False, soft_wrap=True)
+        say(f"log {summary['log']}")
 
 
 def _length(metres: float | None) -> str:

@@ -1,13 +1,13 @@
 """`heli-twin identify`: gains and damping of the helicopter from flight logs."""
 
 import json
-import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command
+from heli_twin.commands import command, progress_bar, say
 from heli_twin.errors import HeliTwinError
+from heli_twin.whole_file import write_whole
 
 if TYPE_CHECKING:
     from heli_twin.identification.identify import Identified
@@ -33,6 +33,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "what",
         nargs="*",
+        default=[],
         metavar="RUN.mcap | PRESET | EXPERIMENT.toml | path.to.field=value",
         help="logs to use; or, as for `heli-twin fly`, the lab in which to fly doublets (default lab)",
     )
@@ -54,49 +55,38 @@ def run(parsed: Namespace) -> int:
         other = next(word for word in words if not word.endswith(".mcap") or "=" in word)
         raise HeliTwinError(f"give logs or an experiment to fly, not both: '{other}' is no .mcap file")
     logs = logs or _flown(words, parsed.out or Path("logs"))
-    found = identify((str(path), read_log(path)) for path in logs)
-    saved = _save(found, parsed.out, parsed.save)
+    identified = identify((str(path), read_log(path)) for path in logs)
+    saved = _save(identified, parsed.out, parsed.save)
     if parsed.json:
-        print(json.dumps(found.as_json() | {"files": [str(path) for path in saved]}, indent=2, allow_nan=False))
+        print(json.dumps(identified.as_json() | {"files": [str(path) for path in saved]}, indent=2, allow_nan=False))
     else:
-        show(found, saved)
+        show(identified, saved)
     return 0
 
 
 def _flown(words: list[str], folder: Path) -> list[Path]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     from heli_twin.experiment.text import load
     from heli_twin.identification.flights import experiments, fly_them
 
     source = words[0] if words and "=" not in words[0] else None
     flights = experiments(load(source, words[source is not None :]))
-    columns = (
-        TextColumn("flying doublets"),
-        BarColumn(),
-        TextColumn("{task.completed} of {task.total}"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("flying", total=len(flights))
+    with progress_bar() as bar:
+        task = bar.add_task("flying doublets", total=len(flights))
         return fly_them(flights, folder, lambda: bar.advance(task))
 
 
-def _save(found: "Identified", out: Path | None, model: Path | None) -> list[Path]:
+def _save(identified: "Identified", out: Path | None, model: Path | None) -> list[Path]:
     """Write what was asked for; returns the files."""
-    from heli_twin.whole_file import write_whole
-
     saved: list[Path] = []
     try:
         for path in filter(None, (model, out / "model.toml" if out else None)):
-            write_whole(path, found.as_toml().encode())
+            write_whole(path, identified.as_toml().encode())
             saved.append(path)
         if out:
             from heli_twin.identification.figure import residual_figures
             from heli_twin.reporting.svg import write_svg
 
-            for figure in residual_figures(found):
+            for figure in residual_figures(identified):
                 write_svg(figure, out / f"{figure.name}.svg")
                 saved.append(out / f"{figure.name}.svg")
     except OSError as error:
@@ -104,26 +94,26 @@ def _save(found: "Identified", out: Path | None, model: Path | None) -> list[Pat
     return saved
 
 
-def show(found: "Identified", saved: list[Path]) -> None:
+def show(identified: "Identified", saved: list[Path]) -> None:
     """Print a result for a person."""
     from rich.console import Console
     from rich.table import Table
 
     from controllers.model import Model
 
-    console, paper = Console(), Model()
-    table = Table(title=f"identified from {found.seconds:.0f} s of {len(found.logs)} flights", title_justify="left")
+    paper = Model()
+    title = f"identified from {identified.seconds:.0f} s of {len(identified.logs)} flights"
+    table = Table(title=title, title_justify="left")
     for column in ("", "value", "95 % interval", "paper (27)", "unit"):
         table.add_column(column, justify="left" if column in ("", "unit") else "right")
-    for name, p in found.parameters.items():
+    for name, p in identified.parameters.items():
         unit = "1/s" if name.startswith("k") else "rad/s²" if name == "b_yaw" else "m/s²"
         table.add_row(name, f"{p.value:.4g}", f"{p.low:.4g} to {p.high:.4g}", f"{getattr(paper, name):g}", unit)
-    console.print(table)
-    for axis, fit in found.fits.items():
-        console.print(
+    Console().print(table)
+    for axis, fit in identified.fits.items():
+        say(
             f"{axis}: {100 * fit.explained:.1f} % of the acceleration explained, "
-            f"commands act {1e3 * fit.delay.value:.0f} ms late",
-            highlight=False,
+            f"commands act {1e3 * fit.delay.value:.0f} ms late"
         )
     for path in saved:
-        console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+        say(f"wrote {path}")

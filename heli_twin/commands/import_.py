@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command
+from heli_twin.commands import command, say
 
 if TYPE_CHECKING:
     from heli_twin.exchange.cleaning import Clean
@@ -36,7 +36,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin import poses.csv controller.model.b_z=17.5 mocap.latency=0.008 --out flight.mcap",
     )
     parser.add_argument("poses", type=Path, metavar="RECORDING", help="the recording")
-    parser.add_argument("overrides", nargs="*", metavar="path.to.field=value", help="what is known of that flight")
+    parser.add_argument("overrides", nargs="*", default=[], metavar="path.to.field=value", help="what is known of that flight")
     parser.add_argument(
         "--map",
         default="",
@@ -65,14 +65,14 @@ def run(parsed: Namespace) -> int:
         raise ImportRefused(f"--rate {parsed.rate:g} is no rate of cameras: 1 to 10000 Hz")
     reading = Reading(options, parsed.frame, parsed.units, parsed.rate, not parsed.unchecked)
     if parsed.list:
-        print(f"{parsed.poses}: {recognised(parsed.poses).TITLE}")
+        say(f"{parsed.poses}: {recognised(parsed.poses).TITLE}")
         take, recording = read_recording(parsed.poses, reading)
-        print(f"bodies: {', '.join(take.bodies) or 'one without a name'}")
+        say(f"bodies: {', '.join(take.bodies) or 'one without a name'}")
         _report(take, recording)
         return 0
     out = parsed.out or parsed.poses.with_suffix(".mcap")
     imported = import_poses(parsed.poses, out, reading, parsed.overrides)
-    print(f"wrote {out}")
+    say(f"wrote {out}")
     _report(imported.take, imported.recording)
     if imported.refused > SUSPICIOUS_SHARE * len(imported.recording.time):
         print(
@@ -88,12 +88,12 @@ def _report(take: "Take", recording: "Clean") -> None:
 
     seconds = recording.time[-1] - recording.time[0]
     body = f" of {take.body}" if take.body else ""
-    print(
+    say(
         f"{take.title}: {len(recording.time)} poses{body} at {recording.rate:.1f} Hz, {seconds:.2f} s,"
         f" {recording.lost} rows without one, {len(recording.command_time)} commands"
     )
-    print(f"axes in the file: {FRAMES[take.frame].text}")
+    say(f"axes in the file: {FRAMES[take.frame].text}")
     for note in take.notes:
-        print(f"assumed: {note}")
+        say(f"assumed: {note}")
     for blemish in recording.blemishes:
-        print(f"{blemish.rows:>8} {blemish.text}, first at {blemish.first_s:.2f} s")
+        say(f"{blemish.rows:>8} {blemish.text}, first at {blemish.first_s:.2f} s")

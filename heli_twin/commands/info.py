@@ -1,17 +1,18 @@
-"""`heli-twin info`: what is in a log."""
+"""`heli-twin info`: the contents of a log."""
 
 import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heli_twin.commands import command
+from heli_twin.commands import command, say
+from heli_twin.foreign_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.recording import Log
 
-LONGEST = 300
-"""Characters of a log's own text that are printed."""
+VALUE_LIMIT = 300
+"""Characters of one value that are printed."""
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -29,23 +30,23 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 
 def run(parsed: Namespace) -> int:
-    """Print it."""
+    """Print the facts."""
     import numpy as np
 
     from heli_twin.logbook import opened
 
     with np.errstate(all="ignore"):
-        found = about(opened(parsed.log))
-    found |= {"file": str(parsed.log), "size": parsed.log.stat().st_size}
+        facts = about(opened(parsed.log))
+    facts |= {"file": str(parsed.log), "size": parsed.log.stat().st_size}
     if parsed.json:
-        print(json.dumps(found, indent=2, allow_nan=False, default=str))
+        print(json.dumps(facts, indent=2, allow_nan=False, default=str))
     else:
-        show(found)
+        show(facts)
     return 0
 
 
 def about(log: "Log") -> dict[str, Any]:
-    """Everything that `info` tells of a log, ready for JSON."""
+    """The facts that `info` prints about a log, as JSON can hold them."""
     from heli_twin.experiment.differences import fly_words
     from heli_twin.experiment.tree import ExperimentError, canonical_json
     from heli_twin.logbook import flown_experiment
@@ -66,6 +67,7 @@ def about(log: "Log") -> dict[str, Any]:
         "overrides": words,
         "experiment": experiment,
         "experiment_problem": problem,
+        "positions": "truth" if len(log.truth.time) else "cameras" if len(log.pose.time) else None,
         "topics": {name: _topic(topic.times, topic.data) for name, topic in log.messages.items()},
         "attachments": {name: len(attachment.data) for name, attachment in log.attachments.items()},
         "metadata": dict(log.metadata),
@@ -81,52 +83,49 @@ def _topic(times: Any, data: Any) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """JSON has no NaN: a flight that left the real numbers has null there."""
+    """JSON has no NaN: null stands for what a flight with a non-finite state left there."""
     if isinstance(value, dict):
         return {key: _finite(inner) for key, inner in value.items()}
     return None if isinstance(value, float) and value - value != 0.0 else value
 
 
-def plain(text: str) -> str:
-    """Text of a log as a terminal may see it: printable characters only, and not too many."""
-    shown = "".join(c if c.isprintable() else "?" for c in text[: LONGEST + 1])
-    return shown if len(text) <= LONGEST else shown[:LONGEST] + "..."
-
-
-def show(found: dict[str, Any]) -> None:
-    """Print it for a person."""
+def show(facts: dict[str, Any]) -> None:
+    """Print the facts for a person."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    rows = {
-        "file": f"{found['file']}, {found['size'] / 1e6:.2f} MB",
-        "experiment": _experiment(found),
-        "outcome": f"{found['outcome']} after {found['duration']:g} s: {found['outcome_text']}",
-        "digest": found["digest"],
-        **found["metadata"],
-        "attachments": ", ".join(f"{name} ({size} bytes)" for name, size in found["attachments"].items()),
-    }
-    if found["recovered"]:
-        rows["recovered"] = "yes: this is what was saved of a broken log"
-    for key, value in rows.items():
-        print(f"{plain(key):<16} {plain(value)}")
+    say(f"{'file':<16} {facts['file']}, {facts['size'] / 1e6:.2f} MB")
+    rows = [
+        ("experiment", _experiment(facts)),
+        ("positions", POSITIONS_FROM[facts["positions"]]),
+        ("outcome", f"{facts['outcome']} after {facts['duration']:g} s: {facts['outcome_text']}"),
+        ("digest", facts["digest"]),
+        *facts["metadata"].items(),
+        ("attachments", ", ".join(f"{name} ({size} bytes)" for name, size in facts["attachments"].items())),
+    ]
+    if facts["recovered"]:
+        rows.append(("recovered", "yes: this is what was saved of a broken log"))
+    for key, value in rows:
+        print(f"{clean(key, VALUE_LIMIT):<16} {clean(value, VALUE_LIMIT)}")
     table = Table(box=box.SIMPLE)
     for column in ("topic", "messages", "per second", "bytes"):
         table.add_column(column, justify="left" if column == "topic" else "right")
-    for name, topic in found["topics"].items():
+    for name, topic in facts["topics"].items():
         rate = "" if topic["rate"] is None else f"{topic['rate']:.1f}"
-        table.add_row(Text(plain(name)), str(topic["messages"]), rate, f"{topic['bytes']:,}")
+        table.add_row(Text(clean(name, VALUE_LIMIT)), str(topic["messages"]), rate, f"{topic['bytes']:,}")
     Console().print(table)
-    print("metrics          " + plain(json.dumps({k: v for k, v in found["metrics"].items() if k in _SHORT})))
+    metrics = json.dumps({key: value for key, value in facts["metrics"].items() if key in SHORT_METRICS})
+    print(f"{'metrics':<16} {clean(metrics, VALUE_LIMIT)}")
 
 
-_SHORT = ("max_abs_error", "rmse", "qp_status")
+POSITIONS_FROM = {"truth": "the truth", "cameras": "the cameras: nobody knows the truth", None: "none"}
+SHORT_METRICS = ("max_abs_error", "rmse", "qp_status")
 """Metrics that fit on a line."""
 
 
-def _experiment(found: dict[str, Any]) -> str:
-    if found["overrides"] is None:
-        return found["experiment_problem"]
-    return " ".join(found["overrides"]) or "lab, every field at its default"
+def _experiment(facts: dict[str, Any]) -> str:
+    if facts["overrides"] is None:
+        return facts["experiment_problem"]
+    return " ".join(facts["overrides"]) or "lab, every field at its default"

@@ -1,12 +1,11 @@
 """`heli-twin paper`: fly what the paper shows, and judge each of its claims."""
 
-import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command
+from heli_twin.commands import command, progress_bar, say
 
 if TYPE_CHECKING:
     from heli_twin.paper.verdicts import Claim
@@ -32,33 +31,30 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Fly, judge, print the verdicts."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from heli_twin.paper.write import write_paper
 
-    columns = (TextColumn("flying the paper"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(compact=True))
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("flying", total=None)
-        found = write_paper(
+    with progress_bar() as bar:
+        task = bar.add_task("flying the paper", total=None)
+        claims = write_paper(
             parsed.out,
             parsed.seeds,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
-    show(found)
-    print(f"page {parsed.out / 'paper.html'}")
+    show(claims)
+    say(f"page {parsed.out / 'paper.html'}")
     return 0
 
 
-def show(found: "Sequence[Claim]") -> None:
+def show(claims: "Sequence[Claim]") -> None:
     """Print the verdicts for a person."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     colors = {"reproduced": "green", "not reproduced": "red", "not comparable": "dim"}
     table = Table(show_lines=False)
     for column in ("claim", "paper", "ours", "verdict"):
         table.add_column(column)
-    for claim in found:
-        table.add_row(claim.claim, claim.paper, claim.ours, f"[{colors[claim.verdict]}]{claim.verdict}[/]")
+    for claim in claims:
+        table.add_row(claim.claim, claim.paper, claim.ours, Text(claim.verdict, colors[claim.verdict]))
     Console().print(table)

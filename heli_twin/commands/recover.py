@@ -4,13 +4,13 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command
+from heli_twin.commands import command, say
 
 if TYPE_CHECKING:
     from heli_twin.recording import Log
 
-GAP = 3
-"""Control periods without a message that count as lost."""
+GAP_PERIODS = 3
+"""Control periods without a message from which on messages count as lost."""
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -34,18 +34,19 @@ def run(parsed: Namespace) -> int:
 
     path = recover(parsed.log)
     log = opened(path)
-    print(f"saved {path}: {saved(log)}\nlost  {lost(log)}")
+    say(f"saved {path}: {saved(log)}")
+    say(f"lost  {lost(log)}")
     return 0
 
 
 def saved(log: "Log") -> str:
-    """What a recovered log holds, one sentence."""
+    """One sentence: the content of a recovered log."""
     count = sum(len(topic.times) for topic in log.messages.values())
     return f"{1e-9 * _end(log):.2f} s of flight, {count} messages, and what was flown"
 
 
 def lost(log: "Log") -> str:
-    """What a recovered log lacks, one sentence."""
+    """One sentence: the parts of the flight that a recovered log lacks."""
     from heli_twin.experiment.tree import ExperimentError
     from heli_twin.logbook import flown_experiment
 
@@ -68,14 +69,14 @@ def _end(log: "Log") -> int:
 
 
 def _gaps(log: "Log") -> list[tuple[int, int]]:
-    """From when to when (ns) the truth, or else the poses, of a flight were not recorded."""
+    """Intervals (start and end, ns) in which the truth, or else the poses, of a flight were not recorded."""
     import numpy as np
 
     times = log.truth.time if len(log.truth.time) else log.pose.time
-    if len(times) < GAP:
+    if len(times) < GAP_PERIODS:
         return []
     steps = np.diff(times, prepend=0)
-    limit = GAP * np.median(steps)
+    limit = GAP_PERIODS * np.median(steps)
     gaps = [(int(times[i] - steps[i]), int(times[i])) for i in np.flatnonzero(steps > limit)]
     end = int(log.ending.get("time", "0"))
     return [*gaps, (int(times[-1]), end)] if end - times[-1] > limit else gaps

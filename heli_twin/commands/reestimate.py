@@ -30,6 +30,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "overrides",
         nargs="*",
+        default=[],
         metavar="estimator.path=value",
         help="changes of the estimator, or of controller.model, which it believes in",
     )

@@ -1,15 +1,16 @@
 """`heli-twin refly`: fly a log's experiment again."""
 
-import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heli_twin.commands import command
-from heli_twin.commands.info import plain
+from heli_twin.commands import command, progress_bar, say
+from heli_twin.foreign_text import clean
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from heli_twin.reanalysis.refly import Refly
 
 
@@ -28,7 +29,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin refly RUN.mcap plant.mass=0.030 seed=3 --log-dir again",
     )
     parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin fly recorded")
-    parser.add_argument("overrides", nargs="*", metavar="path.to.field=value", help="what to change")
+    parser.add_argument("overrides", nargs="*", default=[], metavar="path.to.field=value", help="what to change")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--log-dir", type=Path, metavar="DIR", help="where the new log goes (default logs/; none without changes)"
@@ -39,8 +40,6 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 def run(parsed: Namespace) -> int:
     """Fly it again; the exit code is 1 when an unchanged experiment flew differently."""
     import numpy as np
-    from rich.console import Console
-    from rich.progress import Progress
 
     from heli_twin.experiment.text import changed
     from heli_twin.logbook import flown_experiment, opened, physics_notice
@@ -52,8 +51,8 @@ def run(parsed: Namespace) -> int:
         print(notice)
     differs = changed(flown, parsed.overrides) != flown
     log_dir = None if parsed.no_log else parsed.log_dir or (Path("logs") if differs else None)
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("flying", total=flown.duration)
+    with progress_bar() as bar:
+        task = bar.add_task("flying, s", total=flown.duration)
         again = refly(log, parsed.overrides, log_dir=log_dir, progress=lambda t: bar.update(task, completed=t))
     if differs:
         with np.errstate(all="ignore"):
@@ -61,7 +60,7 @@ def run(parsed: Namespace) -> int:
     else:
         judge(again)
     if again.result.path:
-        print(f"log {again.result.path}")
+        say(f"log {again.result.path}")
     return 0 if differs or again.verdict != "different" else 1
 
 
@@ -79,21 +78,21 @@ def judge(again: "Refly") -> None:
         print(f"identical: {count} messages, {part}{digest}")
     else:
         topic, time, field, ours, theirs = again.difference
-        print(f"{again.verdict}: first at {1e-9 * time:.3f} s on {topic}, {field}")
+        say(f"{again.verdict}: first at {1e-9 * time:.3f} s on {topic}, {field}")
         numbers = isinstance(ours, int | float) and isinstance(theirs, int | float)
         apart = f", {theirs - ours:+.3g}" if numbers else ""
-        print(f"  logged      {plain(repr(ours))}\n  flown again {plain(repr(theirs))}{apart}")
-        print(
+        print(f"  logged      {clean(repr(ours))}\n  flown again {clean(repr(theirs))}{apart}")
+        say(
             f"  the helicopters were at most {1000 * again.position_deviation:.3g} mm and"
             f" {57.29578 * again.yaw_deviation:.3g} deg apart"
-            f" ({plain(log.outcome)}, {result.outcome.kind} again);"
+            f" ({log.outcome}, {result.outcome.kind} again);"
             f" other hosts and builds may differ by {1000 * POSITION_TOLERANCE_M:g} mm and"
             f" {57.29578 * YAW_TOLERANCE_RAD:g} deg"
         )
     for key, (then, now) in again.platforms.items():
-        print(f"  {plain(key)}: logged {plain(then) or 'none'}, now {plain(now) or 'none'}")
+        print(f"  {clean(key)}: logged {clean(then) or 'none'}, now {clean(now) or 'none'}")
     if again.difference is not None and not again.platforms and not physics_notice(log):
-        host = ", ".join(plain(log.metadata.get(key, "unknown")) for key in ("cpu", "platform", "git_commit"))
+        host = ", ".join(clean(log.metadata.get(key, "unknown")) for key in ("cpu", "platform", "git_commit"))
         print(
             f"  host and build are the same as far as the log tells ({host}): the log was changed, the program since"
             " that commit, or the vector instructions that the libraries use"
@@ -108,14 +107,14 @@ def compare(again: "Refly") -> None:
 
     from heli_twin.metrics.tracking import metrics
 
-    table = Table(title=Text(f"with {' '.join(again.overrides)}"), title_justify="left")
+    table = Table(title=Text(clean(f"with {' '.join(again.overrides)}")), title_justify="left")
     for column in ("", "logged", "flown again", "difference"):
         table.add_column(column, justify="right" if column else "left")
     logged, now = dict(_flat(metrics(again.logged))), dict(_flat(metrics(again.result.log)))
     for key in (*now, *(key for key in logged if key not in now)):
         a, b = logged.get(key), now.get(key)
         change = f"{b - a:+.4g}" if isinstance(a, int | float) and isinstance(b, int | float) else ""
-        table.add_row(key, _text(a), _text(b), change)
+        table.add_row(Text(clean(key)), _text(a), _text(b), change)
     Console().print(table)
     print("lengths in m, angles in rad, errors against the truth")
 
@@ -128,5 +127,7 @@ def _flat(table: Mapping[str, Any], here: str = "") -> Iterator[tuple[str, Any]]
             yield f"{here}{key}", value
 
 
-def _text(value: Any) -> str:
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else plain(str(value))
+def _text(value: Any) -> "Text":
+    from rich.text import Text
+
+    return Text("-" if value is None else f"{value:.4g}" if isinstance(value, float) else clean(str(value)))

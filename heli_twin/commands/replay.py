@@ -4,6 +4,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
 from heli_twin.commands import command
+from heli_twin.foreign_text import clean
 from heli_twin.pasteable import pasteable
 
 
@@ -37,5 +38,5 @@ def run(parsed: Namespace) -> int:
     where = parsed.save or ("connect" if parsed.connect else "spawn")
     flights([path for path in (parsed.log, parsed.other) if path]).show(destination(where))
     if parsed.save:
-        print(f"wrote {parsed.save}: open it with `{pasteable('rerun', Path(parsed.save))}`")
+        print(f"wrote {clean(parsed.save)}: open it with `{pasteable('rerun', Path(parsed.save))}`")
     return 0

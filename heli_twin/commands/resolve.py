@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command
+from heli_twin.commands import command, say
 
 if TYPE_CHECKING:
     from heli_twin.reanalysis.resolve import Resolution
@@ -27,7 +27,9 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin resolve PID.mcap controller.kind=ltv_mpc    # what the MPC would have done",
     )
     parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log with estimates")
-    parser.add_argument("overrides", nargs="*", metavar="controller.path=value", help="changes of the controller")
+    parser.add_argument(
+        "overrides", nargs="*", default=[], metavar="controller.path=value", help="changes of the controller"
+    )
     parser.add_argument(
         "--log-dir", type=Path, metavar="DIR", help="where the new log goes (default beside RUN.mcap; needs changes)"
     )
@@ -50,7 +52,7 @@ def run(parsed: Namespace) -> int:
     if differs or parsed.log_dir:
         path = free_path((parsed.log_dir or parsed.log.parent) / f"{parsed.log.stem}.resolved.mcap")
         write(log, resolution, path)
-        print(f"wrote {path}: inputs and plans are new, all else is as flown")
+        say(f"wrote {path}: inputs and plans are new, all else is as flown")
     return 0 if differs or abs(resolution.difference).max() <= INPUT_TOLERANCE else 1
 
 
@@ -96,4 +98,4 @@ def _solver(log: "Log", resolution: "Resolution") -> None:
     ):
         counts = ", ".join(f"{count} {status}" for status, count in sorted(Counter(statuses).items())) or "none"
         times = ", ".join(f"{key} {value:.2f} ms" for key, value in milliseconds(ns).items() if value is not None)
-        print(f"{name:<10} {counts}; solving took {times or 'no time'}")
+        say(f"{name:<10} {counts}; solving took {times or 'no time'}")

@@ -4,13 +4,12 @@ import argparse
 import re
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
-from typing import Any
 
-from heli_twin.commands import command
+from heli_twin.commands import command, say
 from heli_twin.errors import HeliTwinError
 
-GREATEST = 8192
-"""Pixels along one side of a picture at most: what software renderers draw."""
+MAX_SIDE_PX = 8192
+"""The longest side that software renderers draw."""
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -25,7 +24,6 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin snapshot logs/RUN.mcap --at 12.3 flight.png\n"
         "  heli-twin snapshot logs/A.mcap logs/B.mcap compared.png --at 12.3 --size 1920x1080",
     )
-    parser.__class__ = _AnyOrder
     parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin recorded")
     parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="a second one to compare it with")
     parser.add_argument("picture", type=Path, metavar="PICTURE.png", help="the file to write")
@@ -41,31 +39,15 @@ def run(parsed: Namespace) -> int:
         raise HeliTwinError(f"cannot write {parsed.picture}: there is no folder {parsed.picture.parent}")
     shown = flights([path for path in (parsed.log, parsed.other) if path])
     snapshot(shown, parsed.picture, at=parsed.at, size=parsed.size)
-    print(f"wrote {parsed.picture}")
+    say(f"wrote {parsed.picture}")
     return 0
-
-
-class _AnyOrder(ArgumentParser):
-    """Takes files before, between and after the options."""
-
-    _inside = False
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Parse, options first."""
-        if self._inside:
-            return super().parse_known_args(args, namespace)
-        self._inside = True
-        try:
-            return self.parse_known_intermixed_args(args, namespace)
-        finally:
-            self._inside = False
 
 
 def _size(text: str) -> tuple[int, int]:
     sides = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
     width, height = (int(side) for side in sides.groups()) if sides else (0, 0)
-    if not (100 <= width <= GREATEST and 100 <= height <= GREATEST):
+    if not (100 <= width <= MAX_SIDE_PX and 100 <= height <= MAX_SIDE_PX):
         raise argparse.ArgumentTypeError(
-            f"'{text}' is no size: write width x height in pixels, 100 to {GREATEST} each, such as 1600x900"
+            f"'{text}' is no size: write width x height in pixels, 100 to {MAX_SIDE_PX} each, such as 1600x900"
         )
     return width, height

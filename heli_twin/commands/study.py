@@ -7,7 +7,8 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command
+from heli_twin.commands import command, progress_bar, say
+from heli_twin.foreign_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.studies.campaign import StudyProgress
@@ -61,7 +62,11 @@ def _add_run(actions: "_SubParsersAction[ArgumentParser]") -> None:
     )
     run.add_argument("study", metavar="FILE", help="a study file, or the name of a shipped study")
     run.add_argument(
-        "overrides", nargs="*", metavar="field=value", help="changes of the study, or of its base experiment"
+        "overrides",
+        nargs="*",
+        default=[],
+        metavar="field=value",
+        help="changes of the study, or of its base experiment",
     )
     run.add_argument("--out", type=Path, metavar="DIR", help=f"where results go (default {STUDIES}/NAME)")
     run.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default one a core)")
@@ -94,14 +99,14 @@ def run_(parsed: Namespace) -> int:
     try:
         with Watch(study) as watch:
             count = run_study(study, out, backend=_backend(parsed), watch=watch, again=parsed.again)
-    except KeyboardInterrupt:
-        print(f"stopped; what was flown is kept in {out}: the same command goes on")
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"what was flown is kept in {out}, and the same command goes on")
         raise
-    print(_summary(count, out))
+    say(_summary(count, out))
     if not parsed.no_report:
         from heli_twin.studies.report import write_report
 
-        print(f"report {write_report(out)}")
+        say(f"report {write_report(out)}")
     return 1 if {"killed", "hung", "error"} & count.failed.keys() else 0
 
 
@@ -134,21 +139,9 @@ class Watch:
     """Progress for a person: a bar on a terminal, else a line now and then."""
 
     def __init__(self, study: "Study") -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        self._terminal = sys.stderr.isatty()
-        self._bar = Progress(
-            TextColumn(f"[bold]{study.name}[/]"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
-            TimeRemainingColumn(compact=True),
-            TextColumn("{task.fields[failed]}"),
-            console=Console(stderr=True),
-            disable=not self._terminal,
-        )
-        self._task = self._bar.add_task("", total=None, rate="", failed="")
+        self._name = clean(study.name, NAME_LIMIT)
+        self._bar = progress_bar()
+        self._task = self._bar.add_task(self._name, total=None)
         self._began = self._said = monotonic()
 
     def __call__(self, count: "StudyProgress") -> None:
@@ -156,14 +149,10 @@ class Watch:
         now = monotonic()
         rate = count.flown / max(now - self._began, 1e-3)
         failed = ", ".join(f"{number} {kind}" for kind, number in sorted(count.failed.items()))
-        self._bar.update(
-            self._task,
-            total=count.total,
-            completed=count.done,
-            rate=f"{rate:.1f}/s" if count.flown else "",
-            failed=failed,
-        )
-        if not self._terminal and now - self._said > SILENCE and count.flown:
+        speed = f" {rate:.1f}/s" if count.flown else ""
+        text = f"{self._name}{speed} {failed}"
+        self._bar.update(self._task, total=count.total, completed=count.done, description=text)
+        if self._bar.disable and now - self._said > PROGRESS_PERIOD_S and count.flown:
             self._said = now
             left = (count.total - count.done) / max(rate, 1e-9)
             print(
@@ -178,8 +167,10 @@ class Watch:
         self._bar.stop()
 
 
-SILENCE = 10.0
-"""s: between two lines of progress where there is no terminal."""
+PROGRESS_PERIOD_S = 10.0
+"""Time between two lines of progress where there is no terminal."""
+NAME_LIMIT = 40
+"""Characters of a study's name beside its progress bar."""
 
 
 def folder_of(name: str) -> Path:
@@ -206,10 +197,10 @@ def status(parsed: Namespace) -> int:
     with Store(folder) as store:
         about, outcomes = store.about(), store.outcomes()
     done, planned = outcomes.total(), about.get("planned", 0)
-    print(f"{about['study']['name']}: {done} of {planned} runs" + ("" if "finished" in about else ", not finished"))
+    say(f"{about['study']['name']}: {done} of {planned} runs" + ("" if "finished" in about else ", not finished"))
     for outcome, number in outcomes.most_common():
-        print(f"  {number:>7} {outcome}")
-    print(f"launched {about['launched']} on {about['host']}, results in {folder}")
+        say(f"  {number:>7} {outcome}")
+    say(f"launched {about['launched']} on {about['host']}, results in {folder}")
     return 0
 
 
@@ -217,7 +208,7 @@ def report(parsed: Namespace) -> int:
     """Write the report of a study."""
     from heli_twin.studies.report import write_report
 
-    print(f"report {write_report(folder_of(parsed.study))}")
+    say(f"report {write_report(folder_of(parsed.study))}")
     return 0
 
 
@@ -227,7 +218,8 @@ def worst(parsed: Namespace) -> int:
 
     folder = folder_of(parsed.study)
     for run in worst_runs(folder, parsed.n):
-        print(f"{run.id}  {run.what}\n    {run.command}")
+        say(f"{run.id}  {run.what}")
+        print(f"    {run.command}")
     return 0
 
 
@@ -251,5 +243,5 @@ def listing(parsed: Namespace) -> int:
 
     for name in shipped():
         study = load_study(name)
-        print(f"{name:<24} {study.design.kind:<16} {plan_of(study).count():>6} runs  {study.question}")
+        say(f"{name:<24} {study.design.kind:<16} {plan_of(study).count():>6} runs  {study.question}")
     return 0

@@ -1,4 +1,4 @@
-"""`heli-twin trajectories`: what can be flown, what it looks like, and what it asks of the helicopter."""
+"""`heli-twin trajectories`: list the trajectories with a sketch and their demands on the helicopter."""
 
 import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
@@ -9,11 +9,12 @@ import numpy as np
 
 from controllers.signals import Array
 from heli_twin.commands import add_experiment, command, experiment_arguments
+from heli_twin.foreign_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.experiment import Experiment
 
-SKETCH = (20, 9)
+SKETCH_SIZE = (20, 9)
 """Columns and rows of text."""
 BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 """Bits of the dots of U+2800, two wide and four high."""
@@ -31,7 +32,7 @@ DEMANDS = (
 
 
 class Survey(NamedTuple):
-    """What one trajectory asks of the believed helicopter."""
+    """The demands of one trajectory on the believed helicopter."""
 
     peak: Array
     """(8,) `DEMANDS`, the largest magnitudes."""
@@ -74,11 +75,11 @@ def run(parsed: Namespace) -> int:
         chosen = {kind: spec() for kind, spec in members("controllers.trajectories").items()}
     surveys = {kind: survey(replace(experiment, trajectory=trajectory)) for kind, trajectory in chosen.items()}
     if parsed.json:
-        print(json.dumps({kind: _plain(found) for kind, found in surveys.items()}, indent=2))
+        print(json.dumps({kind: _plain(result) for kind, result in surveys.items()}, indent=2))
     else:
-        for kind, found in surveys.items():
-            show(kind, (type(chosen[kind]).__doc__ or "").partition("\n")[0], found)
-    return 1 if any(found.complaint for found in surveys.values()) else 0
+        for kind, result in surveys.items():
+            show(kind, (type(chosen[kind]).__doc__ or "").partition("\n")[0], result)
+    return 1 if any(result.complaint for result in surveys.values()) else 0
 
 
 def tree_kind(experiment: "Experiment") -> str:
@@ -89,7 +90,7 @@ def tree_kind(experiment: "Experiment") -> str:
 
 
 def survey(experiment: "Experiment") -> Survey:
-    """What the trajectory of an experiment asks of the helicopter that its controller believes in."""
+    """Compute the demands of an experiment's trajectory on the helicopter that its controller believes in."""
     from controllers.errors import InfeasibleTrajectory
     from controllers.flatness import feed_forward, state
     from controllers.reference import check_feasible
@@ -107,27 +108,28 @@ def survey(experiment: "Experiment") -> Survey:
     return Survey(peak, np.array([*model.u_max, *model.v_max]), complaint, flat.z)
 
 
-def _plain(found: Survey) -> dict[str, Any]:
+def _plain(result: Survey) -> dict[str, Any]:
     names = [name.replace(" ", "_") for name, _ in DEMANDS]
-    peak, limit = np.nan_to_num(found.peak).tolist(), found.limit.tolist()
+    peak, limit = np.nan_to_num(result.peak).tolist(), result.limit.tolist()
     return {
-        "feasible": not found.complaint,
-        "complaint": found.complaint,
+        "feasible": not result.complaint,
+        "complaint": result.complaint,
         "peak": dict(zip(names, peak, strict=True)),
         "limit": dict(zip(names, limit, strict=True)),
     }
 
 
-def show(kind: str, summary: str, found: Survey) -> None:
+def show(kind: str, summary: str, result: Survey) -> None:
     """Print a trajectory for a person."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    lines, caption = sketch(found.path)
+    lines, caption = sketch(result.path)
     demands = Table.grid(padding=(0, 1))
     for justify in ("left", "right", "left", "left", "right"):
         demands.add_column(justify=justify, no_wrap=True)
-    for (name, unit), peak, limit in zip(DEMANDS, found.peak.tolist(), found.limit.tolist(), strict=True):
+    for (name, unit), peak, limit in zip(DEMANDS, result.peak.tolist(), result.limit.tolist(), strict=True):
         share = peak / limit
         bar = "█" * min(16, round(16 * share)) if np.isfinite(share) else ""
         colour = "red" if not share <= 1.0 + 1e-9 else "green"
@@ -135,14 +137,14 @@ def show(kind: str, summary: str, found: Survey) -> None:
     both = Table.grid(padding=(0, 2))
     both.add_row("\n".join(lines), demands)
     console = Console()
-    console.print(f"[bold]{kind}[/]  {summary}", highlight=False, soft_wrap=True)
+    console.print(Text(clean(kind), "bold"), Text(f" {clean(summary)}"), soft_wrap=True)
     console.print(both, highlight=False)
-    verdict = f"[red]{found.complaint}[/]" if found.complaint else "[green]feasible[/]"
-    console.print(f"{caption:<{SKETCH[0]}}  {verdict}\n", highlight=False, soft_wrap=True)
+    verdict = Text(clean(result.complaint), "red") if result.complaint else Text("feasible", "green")
+    console.print(Text(f"{caption:<{SKETCH_SIZE[0]}} "), verdict, end="\n\n", soft_wrap=True)
 
 
 def sketch(path: Array) -> tuple[list[str], str]:
-    """A drawing of a flight in Braille dots, and what it shows.
+    """Draw a flight in Braille dots.
 
     From above, north is up and west is left, with short lines to where the nose points; a flight in an upright plane
     is drawn from the side.
@@ -174,7 +176,7 @@ def sketch(path: Array) -> tuple[list[str], str]:
 
 def _braille(points: Array) -> list[str]:
     """Points (n, 2), right and up, in about the unit square around 0, as lines of text."""
-    columns, rows = SKETCH
+    columns, rows = SKETCH_SIZE
     wide, high = 2 * columns, 4 * rows
     scale = 0.78 * min(wide, high)
     column = np.rint(0.5 * (wide - 1) + scale * points[:, 0]).astype(int)

@@ -1,15 +1,15 @@
 """`heli-twin tune`: find a controller's gains on the twin."""
 
 import json
-import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import add_experiment, command, experiment_arguments
+from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar, say
 from heli_twin.errors import HeliTwinError
 from heli_twin.pasteable import pasteable
+from heli_twin.whole_file import write_whole
 
 if TYPE_CHECKING:
     from heli_twin.experiment import Experiment
@@ -55,34 +55,28 @@ def run(parsed: Namespace) -> int:
             f"--budget {budget} leaves nothing to try: 1 judges the start, {DEFAULT_BUDGET} is the default"
         )
     source, overrides = experiment_arguments(parsed)
-    found = _tuned(load(source, [f"controller={KINDS[parsed.controller]}", *overrides]), budget)
-    text = toml(found, pasteable("heli-twin", "tune", parsed.controller, *parsed.experiment, "--budget", budget))
+    tuned = _tuned(load(source, [f"controller={KINDS[parsed.controller]}", *overrides]), budget)
+    text = toml(tuned, pasteable("heli-twin", "tune", parsed.controller, *parsed.experiment, "--budget", budget))
     if parsed.save:
         try:
             write_whole(parsed.save, text.encode())
         except OSError as error:
             raise HeliTwinError(f"cannot write {parsed.save}: {error.strerror}") from None
     if parsed.json:
-        print(json.dumps(found.as_json(), indent=2, allow_nan=False))
+        print(json.dumps(tuned.as_json(), indent=2, allow_nan=False))
     else:
-        show(found, text, parsed.save)
+        show(tuned, text, parsed.save)
     return 0
 
 
 def _tuned(base: "Experiment", budget: int) -> "Tuned":
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     from controllers.laws.pid import Pid
     from heli_twin.metrics.tracking import AXES
     from heli_twin.tuning.search import tune
     from heli_twin.tuning.ultimate_gain import find_ultimate
     from heli_twin.workers.fleet import fleet
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed} of {task.total}"))
-    shown = sys.stderr.isatty()
-    bar = Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True, disable=not shown)
-    with bar, fleet() as fly_all:
+    with progress_bar() as bar, fleet() as fly_all:
         ultimates = []
         if isinstance(base.controller, Pid):
             task = bar.add_task("ultimate gains, axes", total=len(AXES))
@@ -93,39 +87,40 @@ def _tuned(base: "Experiment", budget: int) -> "Tuned":
         return tune(base, fly_all, budget, tuple(ultimates), lambda: bar.advance(task))
 
 
-def toml(found: "Tuned", said: str) -> str:
-    """The controller as `heli-twin fly` takes it, a file of its own or `controller=FILE.toml`, and how it came about.
+def toml(tuned: "Tuned", command_line: str) -> str:
+    """The controller as a file for `heli-twin fly`, or for `controller=FILE.toml`, with the record of its tuning.
 
     Args:
-        found: What was tuned.
-        said: The command that tunes it again.
+        tuned: The result.
+        command_line: Tunes it again.
     """
     from heli_twin.tuning.record import comment
 
-    lines = [f"{name} = {json.dumps(value)}" for name, value in found.table().items()]
-    return "\n".join([comment({"command": said} | found.record()), "", "[controller]", *lines, ""])
+    lines = [f"{name} = {json.dumps(value)}" for name, value in tuned.table().items()]
+    return "\n".join([comment({"command": command_line} | tuned.record()), "", "[controller]", *lines, ""])
 
 
-def show(found: "Tuned", text: str, saved: Path | None) -> None:
+def show(tuned: "Tuned", text: str, saved: Path | None) -> None:
     """Print a result for a person."""
     from rich.console import Console
     from rich.table import Table
 
     console = Console()
-    if found.ultimates:
+    if tuned.ultimates:
         table = Table(title="Ziegler and Nichols' experiment", title_justify="left")
         for column in ("", "Ku", "Tu", "damping given first"):
             table.add_column(column, justify="right" if column else "left")
-        for u in found.ultimates:
+        for u in tuned.ultimates:
             table.add_row(u.axis, f"{u.gain:.3g}", f"{u.period:.3g} s", f"{u.damping:.3g}" if u.damping else "-")
         console.print(table)
-    table = Table(title=f"search, {found.trials} trials: share of the cost (26)", title_justify="left")
+    table = Table(title=f"search, {tuned.trials} trials: share of the cost (26)", title_justify="left")
     for column in ("", "at the start", "tuned", "gains at the start", "tuned "):
         table.add_column(column, justify="right" if column else "left")
-    for axis, cost in found.best.cost.items():
-        gains = (", ".join(f"{g:.3g}" for g in trial.gains[axis].values()) for trial in (found.start, found.best))
-        table.add_row(axis, f"{found.start.cost[axis]:.4g}", f"{cost:.4g}", *gains)
+    for axis, cost in tuned.best.cost.items():
+        gains = (", ".join(f"{g:.3g}" for g in trial.gains[axis].values()) for trial in (tuned.start, tuned.best))
+        table.add_row(axis, f"{tuned.start.cost[axis]:.4g}", f"{cost:.4g}", *gains)
     console.print(table)
-    console.print(text, highlight=False, markup=False, end="", soft_wrap=True)
+    for line in text.splitlines():
+        say(line)
     if saved:
-        console.print(f"wrote {saved}", highlight=False, soft_wrap=True)
+        say(f"wrote {saved}")

@@ -32,6 +32,7 @@ from heli_twin.recording.schema import (
     proto,
     sealed,
 )
+from heli_twin.whole_file import uninterrupted
 
 FLUSH_PERIOD = 500_000_000
 """Simulated ns between two writes to the file: what a crash can lose."""
@@ -159,6 +160,7 @@ class Recorder:
         self._pack_waiting()
         return self._hash.hexdigest()
 
+    @uninterrupted()
     def close(self, outcome: str, t: int, **ending: str) -> None:
         """Write how the flight ended, and when (ns), and give the file its name; later calls do nothing.
 
@@ -200,7 +202,11 @@ class Recorder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if self._closed:
+            return
         self.close("aborted", self._time, error=repr(error) if error else "")
+        if error is not None and self.path is not None:
+            error.add_note(f"the log until then is {self.path}")
 
     def _put(self, topic: str, t: int, values: Iterable[Any] | bytes) -> None:
         if t >= self._flush_due:
@@ -209,6 +215,7 @@ class Recorder:
         self._waiting.append((topic, t, values))
         self._time = t
 
+    @uninterrupted()
     def _flush(self) -> None:
         self._pack_waiting()
         self._mcap.flush()
