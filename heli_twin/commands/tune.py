@@ -47,7 +47,6 @@ def run(parsed: Namespace) -> int:
     """Tune, print, save."""
     from heli_twin.experiment.text import load
     from heli_twin.tuning.search import DEFAULT_BUDGET
-    from heli_twin.whole_file import write_whole
 
     budget = DEFAULT_BUDGET if parsed.budget is None else parsed.budget
     if budget < 1:
