@@ -36,7 +36,9 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin import poses.csv controller.model.b_z=17.5 mocap.latency=0.008 --out flight.mcap",
     )
     parser.add_argument("poses", type=Path, metavar="RECORDING", help="the recording")
-    parser.add_argument("overrides", nargs="*", default=[], metavar="path.to.field=value", help="what is known of that flight")
+    parser.add_argument(
+        "overrides", nargs="*", default=[], metavar="path.to.field=value", help="what is known of that flight"
+    )
     parser.add_argument(
         "--map",
         default="",
