@@ -87,6 +87,8 @@ class Flight:
             if t >= air_due:
                 air = together([d.air(truth) for d in self.surroundings])
                 self.recorder.disturbance(t, air)
+                if battery := self.plant.battery():
+                    self.recorder.battery(t, battery)
                 air_due += disturbances.PERIOD_NS
             if t >= self.mocap.due:
                 self.look(t, truth)

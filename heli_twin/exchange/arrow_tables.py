@@ -24,6 +24,7 @@ TOPICS = {
     "/mpc/plan": "plan",
     "/mpc/qp": "qp",
     "/disturbance": "disturbance",
+    "/battery": "battery",
     "/events": "events",
     "/timing": "timing",
 }

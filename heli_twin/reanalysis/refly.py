@@ -21,7 +21,7 @@ from heli_twin.logbook import ORIGIN, PHYSICS, flown_experiment, is_recovered, p
 from heli_twin.mission import Result, fly
 from heli_twin.recording import Log, flight_pb2
 from heli_twin.recording.log import Messages
-from heli_twin.recording.schema import TIMING, TOPICS, WIRES
+from heli_twin.recording.schema import LATER_WIRES, TIMING, TOPICS, WIRES
 
 POSITION_TOLERANCE_M = 0.002
 """Between two machines. One thrust count that rounds the other way (2/682 of full stick for a radio frame of 22 ms)
@@ -139,7 +139,7 @@ def _first_on(topic: str, logged: Messages, reflown: Messages, prefix: bool) -> 
 
 _TYPES: Mapping[str, type[Message]] = {"/events": LogMessage} | {
     topic.name: getattr(flight_pb2, topic.schema_name.rpartition(".")[2])
-    for topic in WIRES
+    for topic in WIRES + LATER_WIRES
     if topic.schema_name.startswith("heli_twin.")
 }
 

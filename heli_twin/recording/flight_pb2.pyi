@@ -120,6 +120,16 @@ class Air(_message.Message):
     thrust_factor: float
     def __init__(self, wind: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., thrust_factor: _Optional[float] = ...) -> None: ...
 
+class Battery(_message.Message):
+    __slots__ = ("voltage", "current", "charge")
+    VOLTAGE_FIELD_NUMBER: _ClassVar[int]
+    CURRENT_FIELD_NUMBER: _ClassVar[int]
+    CHARGE_FIELD_NUMBER: _ClassVar[int]
+    voltage: float
+    current: float
+    charge: float
+    def __init__(self, voltage: _Optional[float] = ..., current: _Optional[float] = ..., charge: _Optional[float] = ...) -> None: ...
+
 class Timing(_message.Message):
     __slots__ = ("control_step_ns", "solve_ns")
     CONTROL_STEP_NS_FIELD_NUMBER: _ClassVar[int]

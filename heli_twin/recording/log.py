@@ -121,6 +121,15 @@ class Airs(NamedTuple):
     thrust_factor: Array
 
 
+class Batteries(NamedTuple):
+    """`/battery`: see heli_twin.lab.plant.Battery."""
+
+    time: Times
+    voltage: Array
+    current: Array
+    charge: Array
+
+
 class Event(NamedTuple):
     """`/events`: something worth telling a person."""
 
@@ -226,6 +235,11 @@ class Log:
     def disturbance(self) -> Airs:
         """What the surroundings did to the helicopter."""
         return Airs(*self._columns("/disturbance"))
+
+    @cached_property
+    def battery(self) -> Batteries:
+        """What the battery gave; no rows if the plant has none."""
+        return Batteries(*self._columns("/battery"))
 
     @cached_property
     def events(self) -> list[Event]:

@@ -107,7 +107,10 @@ FOR_VIEWERS = (
 )
 """The same flight once more, thinned out, in the message types that viewers draw without being told how."""
 
-TOPICS = WIRES + FOR_VIEWERS
+LATER_WIRES = (_protobuf("/battery", pb.Battery),)
+"""Wires that came later: the number of a channel is the place of its topic, in logs of before too."""
+
+TOPICS = WIRES + FOR_VIEWERS + LATER_WIRES
 TIMING = "/timing"
 """The one topic that the flight digest leaves out: measured times differ from run to run."""
 
@@ -121,6 +124,7 @@ LAYOUTS: Mapping[str, Layout] = {
     "/mpc/qp": Layout(pb.QpReport),
     "/disturbance": Layout(pb.Air, wind=(3,), acceleration=(3,)),
     "/timing": Layout(pb.Timing),
+    "/battery": Layout(pb.Battery),
 }
 """How the wires of one size are packed; `/mpc/plan` depends on the horizon, `/events` on their text."""
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from heli_twin.recording.schema import FOR_VIEWERS, TOPICS, WIRES, Topic, proto
+from heli_twin.recording.schema import FOR_VIEWERS, LATER_WIRES, WIRES, Topic, proto
 
 ABOUT = {
     "/events": "what was worth telling a person: severity, name, one sentence",
@@ -44,10 +44,13 @@ def about() -> dict[str, str]:
 def topics_table() -> str:
     """A Markdown table of all topics in the order data flows."""
     said = about()
-    rows = [f"| `{topic.name}` | {said[topic.name]} | {_message(topic)} |" for topic in TOPICS]
+    wires, views = (
+        [f"| `{topic.name}` | {said[topic.name]} | {_message(topic)} |" for topic in topics]
+        for topics in (WIRES + LATER_WIRES, FOR_VIEWERS)
+    )
     head = ["| topic | what it says | message |", "|---|---|---|"]
     between = "| | *for viewers that know nothing of heli_twin, derived from the topics above:* | |"
-    return "\n".join([*head, *rows[: len(WIRES)], between, *rows[-len(FOR_VIEWERS) :]])
+    return "\n".join([*head, *wires, between, *views])
 
 
 def _message(topic: Topic) -> str:

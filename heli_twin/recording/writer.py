@@ -11,7 +11,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
 
 from controllers.signals import Array, Command, Estimate, Plan, Pose, QpReport, Reference
-from heli_twin.lab.plant import Air, Truth
+from heli_twin.lab.plant import Air, Battery, Truth
 from heli_twin.recording.derived_topics import Timed, Viewers, timestamp
 from heli_twin.recording.growing_file import LogFile
 from heli_twin.recording.log import Attachment, Log
@@ -143,6 +143,10 @@ class Recorder:
     def disturbance(self, t: int, air: Air) -> None:
         """What the surroundings do to the helicopter until told otherwise."""
         self._put("/disturbance", t, air)
+
+    def battery(self, t: int, battery: Battery) -> None:
+        """What the battery gives."""
+        self._put("/battery", t, battery)
 
     def event(self, t: int, severity: str, name: str, text: str) -> None:
         """Something worth telling a person; severity is debug, info, warning, error or fatal."""

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 import heli_twin.recording
 from controllers.signals import Estimate, Plan, Pose, QpReport
-from heli_twin.lab.plant import Air, Truth
+from heli_twin.lab.plant import Air, Battery, Truth
 from heli_twin.recording import flight_pb2 as pb
 from heli_twin.recording import log
 from heli_twin.recording.packing import Layout
@@ -54,6 +54,7 @@ def _descriptor(code: str) -> list[str]:
         (pb.Plan, Plan),
         (pb.QpReport, QpReport),
         (pb.Air, Air),
+        (pb.Battery, Battery),
     ],
 )
 def test_messages_have_the_fields_of_the_signals(message: type, signal: type) -> None:
@@ -73,6 +74,7 @@ def test_messages_have_the_fields_of_the_signals(message: type, signal: type) ->
         ("/mpc/qp", log.QpReports),
         ("/disturbance", log.Airs),
         ("/timing", log.Timings),
+        ("/battery", log.Batteries),
     ],
 )
 def test_columns_have_the_fields_of_the_messages(topic: str, columns: type) -> None:

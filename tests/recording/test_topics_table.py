@@ -11,7 +11,22 @@ from heli_twin.recording.schema import FORMAT, TOPICS
 from heli_twin.recording.topics_table import Field, about, fields, topics_table
 
 README = Path(heli_twin.recording.__file__).parents[2] / "README.md"
-UNITS = {"ns", "m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "unit", "count", "fraction", "fractions", "squared"}
+UNITS = {
+    "V",
+    "A",
+    "ns",
+    "m",
+    "m/s",
+    "m/s^2",
+    "rad",
+    "rad/s",
+    "rad/s^2",
+    "unit",
+    "count",
+    "fraction",
+    "fractions",
+    "squared",
+}
 FRAMES = re.compile(r"\b(world|body|yaw frame)\b")
 SPATIAL = {"position", "quat_wxyz", "velocity", "angular_velocity", "wind", "acceleration", "variance", "disturbance"}
 
