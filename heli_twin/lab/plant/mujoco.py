@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.markers import EachOf
+from controllers.markers import EachOf, Named, by_name
 from controllers.model import GRAVITY
 from controllers.signals import Array, nanoseconds
 from heli_twin.lab.plant import Air, Battery, Truth
@@ -77,7 +77,9 @@ class MuJoCo:
     ] = 0.002
     step: Annotated[float, Ge(1e-5), Le(0.005), Unit("s"), doc("length of one physics step")] = 0.001
     effects: Annotated[
-        tuple[Effect, ...], EachOf("heli_twin.lab.plant.effects"), doc("what else it does; `off` leaves one out")
+        tuple[Effect | Named[Effect], ...],
+        EachOf("heli_twin.lab.plant.effects"),
+        doc("what else it does; `off` leaves one out"),
     ] = ()
 
     def __post_init__(self) -> None:
@@ -102,6 +104,10 @@ class MuJoCo:
             raise ValueError(
                 f"inertias {small:g}, {middle:g}, {large:g} kg m^2 are no rigid body's: none may exceed the others' sum"
             )
+        kinds = [effect.kind for effect in by_name(self.effects).values()]
+        twice = next((kind for kind in kinds if kinds.count(kind) > 1), None)
+        if twice:
+            raise ValueError(f"effects has two of the kind '{twice}': leave one of them out")
 
     @property
     def step_ns(self) -> int:
@@ -149,7 +155,7 @@ class Twin:
         data.qpos[:4] = px, py, pz, yaw
         data.qvel[:4] = c * vx - s * vy, s * vx + c * vy, vz, yaw_rate
         self._physics = Physics(model, data, np.array(spec.trim), 1e-9 * self._effect_steps * spec.step_ns)
-        updates = [effect.start(self._physics) for effect in spec.effects]
+        updates = [effect.start(self._physics) for effect in by_name(spec.effects).values()]
         self._every_period = [update.every_period for update in updates if update.every_period]
         self._on_input = [update.on_input for update in updates if update.on_input]
         self._update_effects()
@@ -315,7 +321,7 @@ def edited(p: MuJoCo, *, visuals: bool) -> Any:
     force = stiffness / spec.site("mast").pos[2]
     spec.actuator("stiffness_up").biasprm[0] = force
     spec.actuator("stiffness_down").biasprm[0] = -force
-    for effect in p.effects:
+    for effect in by_name(p.effects).values():
         effect.build(spec)
     return spec
 

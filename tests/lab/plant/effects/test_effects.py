@@ -302,3 +302,8 @@ def test_without_effects_nothing_changes():
     """The twin as it was: the same canonical text, hence the same digests."""
     assert "effects" not in canonical_json(load("lab", ["plant.kind=mujoco"]))
     assert replace(NOMINAL, effects=()) == NOMINAL
+
+
+def test_two_effects_of_one_kind_are_refused():
+    with pytest.raises(ValueError, match="two of the kind 'hub_drag'"):
+        MuJoCo(effects=(HubDrag(), HubDrag(height=0.03)))
