@@ -17,7 +17,8 @@ from controllers.flatness import state
 from controllers.reference import check_feasible
 from controllers.signals import nanoseconds
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.tree import ExperimentError, experiment_of, tree_of
+from heli_twin.experiment.objects import validated
+from heli_twin.experiment.tree import ExperimentError, tree_of
 from heli_twin.flight import Flight, Outcome
 from heli_twin.lab.plant import Plant
 from heli_twin.logbook import begin_log, planned_path
@@ -109,8 +110,11 @@ def checked(experiment: Experiment) -> Experiment:
     Raises:
         ExperimentError: One sentence that names the field, its value and the limit.
     """
-    e = experiment_of(tree_of(experiment))
+    e = validated(experiment)
     step, period = nanoseconds(e.plant.step), nanoseconds(e.controller.period)
+    for name, time, least in (("plant.step", step, 1_000), ("controller.period", period, 1_000_000)):
+        if time < least:
+            raise ExperimentError(f"{name} = {1e-9 * time:g} s is too short: the least is {1e-9 * least:g} s")
     if period % step:
         nearest = max(1, round(period / step)) * e.plant.step
         raise ExperimentError(

@@ -58,9 +58,9 @@ class Waypoints:
             ValueError: There is not one time per point, or the times do not increase from 0.
         """
         times = self.times
-        if times and len(times) != len(self.points):
+        if len(times) and len(times) != len(self.points):
             raise ValueError(f"times has {len(times)} entries for {len(self.points)} points: give one each, or none")
-        if times and (times[0] != 0.0 or not all(b > a and isfinite(b) for a, b in pairwise(times))):
+        if len(times) and (times[0] != 0.0 or not all(b > a and isfinite(b) for a, b in pairwise(times))):
             raise ValueError(f"times = {list(times)} has to start at 0 and increase")
 
     def flat(self, t: Array) -> FlatOutput:
@@ -69,7 +69,7 @@ class Waypoints:
 
     def fitted(self, model: Model) -> "Waypoints":
         """Return the same flight with the shortest times that `model` allows, unless times are given."""
-        if self.times:
+        if len(self.times):
             return self
         points = np.array(self.points)
         legs = np.array([_shortest(points[i : i + 2], np.ones(1), self, model) for i in range(len(points) - 1)])

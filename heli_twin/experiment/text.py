@@ -17,8 +17,10 @@ from controllers.markers import EachOf, OneOf
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import fields_of
-from heli_twin.experiment.past import PHYSICS_VERSION, restore_past
-from heli_twin.experiment.tree import ExperimentError, Tree, experiment_of, instead, kind_under, table_of, tree_of
+from heli_twin.experiment.own import OWN, refuse_own
+from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
+from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of
+from heli_twin.experiment.values import ExperimentError, instead
 
 
 def presets() -> dict[str, Path]:
@@ -112,7 +114,7 @@ _NOT_TOML = (ValueError, RecursionError)
 
 def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
     """Every value of a tree with its dotted path; names of members come first, since they bring defaults along."""
-    for key, value in sorted(tree.items(), key=lambda item: item[0] != "kind"):
+    for key, value in sorted(tree.items(), key=lambda item: (item[0] != OWN, item[0] != "kind")):
         if isinstance(value, dict) and value:
             yield from _leaves(value, f"{path}{key}.")
         elif not isinstance(value, dict):
@@ -175,8 +177,10 @@ def put(tree: Tree, path: str, value: Any) -> None:
 def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None:
     key, *rest = keys
     known = fields_of(spec)
+    table = path.split(".")[: -len(rest) - 1]
+    if key == OWN:
+        refuse_own({OWN: value}, ".".join(table))
     if key not in known:
-        table = path.split(".")[: -len(rest) - 1]
         raise ExperimentError(
             f"unknown field {instead('.'.join([*table, key]), ['.'.join([*table, k]) for k in known])}"
         )
@@ -189,15 +193,17 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
             if rest == ["kind"] or (not rest and isinstance(value, str)):
                 if not isinstance(value, str) or value not in kinds:
                     raise ExperimentError(f"unknown {key} {instead(value, kinds)}")
-                if node[key]["kind"] != value:
+                if node[key]["kind"] != value or OWN in node[key]:
                     node[key] = table_of(kinds[value]())
             elif rest:
+                refuse_own(node[key], ".".join([*table, key]))
                 _put(node[key], kinds[node[key]["kind"]], rest, value, path)
             else:
                 raise ExperimentError(f"{path} = {value!r} names no {key}. Available: {', '.join(kinds)}")
         case None if isinstance(info.type, type) and is_dataclass(info.type):
             if not rest:
                 raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(fields_of(info.type))}")
+            refuse_own(node[key], ".".join([*table, key]))
             _put(node[key], info.type, rest, value, path)
         case None:
             if rest:
@@ -238,11 +244,13 @@ def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str
     kind = node[name]["kind"] if name in node else name
     if rest == ["kind"] or (not rest and isinstance(value, str) and value not in ("on", "off")):
         kind = kind_under(name, value, kinds, path.removesuffix(".kind"))
-        if name not in node or node[name]["kind"] != kind:
+        if name not in node or node[name]["kind"] != kind or OWN in node[name]:
             node[name] = table_of(kinds[kind]())
         return
-    if kind not in kinds:
-        table = ".".join(path.split(".")[: -len(keys)])
+    table = ".".join(path.split(".")[: -len(keys)])
+    if rest:
+        refuse_own({OWN: value} if rest == [OWN] else node.get(name), f"{table}.{name}")
+    if kind not in kinds and not (value == "off" and name in node):
         raise ExperimentError(
             f"unknown {table} {instead(name, {**kinds, **node})}; to add one with a name of its own, write its kind:"
             f" {table}.{name}=KIND"

@@ -5,31 +5,17 @@ faults are tables by their name, which is their kind where nothing else is said.
 """
 
 import json
-import math
 import reprlib
-from collections.abc import Iterable, Iterator
-from difflib import get_close_matches
+from collections.abc import Iterator
 from typing import Any, get_args
 
-from pydantic import ValidationError
-
 from controllers.markers import EachOf, Named, by_name, checked_name
-from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import FieldInfo, fields_of
+from heli_twin.experiment.own import OWN, own_class, refuse_own
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past
-
-
-class ExperimentError(HeliTwinError):
-    """An experiment that cannot be flown as it was written."""
-
-
-def instead(wrong: Any, known: Iterable[str]) -> str:
-    """`'wrong': did you mean 'right'? Available: ...`."""
-    known = list(known)
-    near = get_close_matches(str(wrong), known, n=1, cutoff=0.5)
-    return f"'{wrong}': " + (f"did you mean '{near[0]}'? " if near else "") + f"Available: {', '.join(known)}"
+from heli_twin.experiment.values import ExperimentError, checked_value, instead, plain
 
 
 def tree_of(experiment: Experiment) -> Tree:
@@ -47,23 +33,29 @@ def table_of(spec: Any) -> Tree:
     for name, info in fields_of(type(spec)).items():
         value = getattr(spec, name)
         if isinstance(info.family, EachOf):
-            table[name] = {key: table_of(member) for key, member in _several(value, name).items()}
+            table[name] = {key: _marked_table(member, info) for key, member in several(value, name).items()}
         elif info.adapter is None:
-            table[name] = table_of(value)
+            table[name] = _marked_table(value, info)
         else:
-            table[name] = _listed(value)
+            table[name] = plain(value)
     return table
 
 
-def _several(members: Any, path: str) -> dict[str, Any]:
+def _marked_table(part: Any, info: FieldInfo) -> Tree:
+    mark = own_class(part, info)
+    return table_of(part) | ({OWN: mark} if mark else {})
+
+
+def several(members: Any, path: str) -> dict[str, Any]:
+    """The disturbances or faults of an experiment by name.
+
+    Raises:
+        ExperimentError: Two have the same name, or these are no members at all.
+    """
     try:
         return by_name(members)
     except (TypeError, ValueError) as error:
         raise ExperimentError(f"{path}: {error}") from None
-
-
-def _listed(value: Any) -> Any:
-    return [_listed(v) for v in value] if isinstance(value, tuple) else value
 
 
 def experiment_of(tree: Tree) -> Experiment:
@@ -95,10 +87,11 @@ def _spec(spec: type, tree: Any, here: str) -> Any:
     for name, value in tree.items():
         info, path = known[name], here + name
         if info.adapter is not None:
-            values[name] = _value(info, value, path, spec)
+            values[name] = checked_value(info, value, path, spec)
             continue
         if not isinstance(value, dict):
             raise ExperimentError(f"{path} = {value!r} is not a table")
+        refuse_own(value, path)
         if info.family is None:
             values[name] = _spec(info.type, value, f"{path}.")
             continue
@@ -117,6 +110,7 @@ def _each(kinds: dict[str, type], name: str, table: Any, path: str) -> Any:
     """One of several members; it is `Named` unless its name is its kind."""
     if not isinstance(table, dict):
         raise ExperimentError(f"{path} = {reprlib.repr(table)} is not a table")
+    refuse_own(table, path)
     kind = kind_under(name, table.get("kind", name), kinds, path)
     member = _spec(kinds[kind], table, f"{path}.")
     return member if name == kind else Named(name, member)
@@ -147,41 +141,6 @@ def _known(kind: Any, kinds: dict[str, type], family: str) -> str:
     if not isinstance(kind, str) or kind not in kinds:
         raise ExperimentError(f"unknown {family} {instead(kind, kinds)}")
     return kind
-
-
-def _value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
-    assert info.adapter is not None
-    if any(isinstance(v, float) and not math.isfinite(v) for v in _leaves_of(value)):
-        raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a finite number; {_default(info, spec, path)}")
-    try:
-        return info.adapter.validate_json(json.dumps(value, default=str), strict=True)
-    except ValidationError as errors:
-        error = errors.errors()[0]
-        where = path + "".join(f"[{i}]" for i in error["loc"])
-        message = error["msg"][:1].lower() + error["msg"][1:]
-        if error["type"] == "literal_error":
-            options = [str(option) for option in get_args(info.type)]
-            raise ExperimentError(f"{path} = {instead(value, options)}") from None
-        unit = f" {info.unit}" if info.unit and "ctx" in error else ""
-        message = message.replace("input should be", "it must be") + unit
-        raise ExperimentError(
-            f"{where} = {reprlib.repr(error['input'])}: {message}; {_default(info, spec, path)}"
-        ) from None
-
-
-def _leaves_of(value: Any) -> Iterator[Any]:
-    if isinstance(value, list):
-        for inner in value:
-            yield from _leaves_of(inner)
-    else:
-        yield value
-
-
-def _default(info: FieldInfo, spec: type, path: str) -> str:
-    if info.columns:
-        return f"each row is {', '.join(info.columns)}"
-    value = getattr(spec(), path.split(".")[-1])
-    return f"the default is {json.dumps(value)} {info.unit}".rstrip()
 
 
 def canonical_json(experiment: Experiment) -> str:
@@ -223,12 +182,13 @@ def toml_of(experiment: Experiment) -> str:
 
 
 def _toml(spec: Any, here: str) -> Iterator[str]:
-    tables: list[tuple[str, str, Any]] = []
+    tables: list[tuple[str, FieldInfo, Any]] = []
     for name, info in fields_of(type(spec)).items():
         value = getattr(spec, name)
         if info.adapter is None:
-            tables.append((name, info.doc, value))
+            tables.append((name, info, value))
         else:
+            value = plain(value)
             text = f"{name} = {json.dumps(value)}"
             if info.columns:
                 text = "\n".join([f"{name} = [", *(f"  {json.dumps(row)}," for row in value), "]"])
@@ -236,17 +196,21 @@ def _toml(spec: Any, here: str) -> Iterator[str]:
             if get_args(info.type) and all(isinstance(o, str) for o in get_args(info.type)) and name != "kind":
                 meaning += f" ({' | '.join(get_args(info.type))})"
             yield f"{text:<32}  # {meaning}" if meaning else text
-    for name, text, value in tables:
+    for name, info, value in tables:
         yield ""
-        yield f"[{here}{name}]" + (f"  # {text}" if text else "")
-        if not isinstance(value, tuple):
-            yield from _toml(value, f"{here}{name}.")
+        yield f"[{here}{name}]" + (f"  # {info.doc}" if info.doc else "")
+        if not isinstance(info.family, EachOf):
+            yield from _toml_of_part(value, info, f"{here}{name}")
             continue
-        present = _several(value, f"{here}{name}")
-        family = fields_of(type(spec))[name].family
-        assert family is not None
-        yield from (f'{kind} = "off"' for kind in members(family.package) if kind not in present)
+        present = several(value, f"{here}{name}")
+        yield from (f'{kind} = "off"' for kind in members(info.family.package) if kind not in present)
         for key, member in present.items():
             yield ""
             yield f"[{here}{name}.{key}]"
-            yield from _toml(member, f"{here}{name}.{key}.")
+            yield from _toml_of_part(member, info, f"{here}{name}.{key}")
+
+
+def _toml_of_part(part: Any, info: FieldInfo, path: str) -> Iterator[str]:
+    if mark := own_class(part, info):
+        yield f"{OWN} = {json.dumps(mark)}  # a class of the user's own: this file does not describe it"
+    yield from _toml(part, f"{path}.")

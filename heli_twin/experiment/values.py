@@ -1,0 +1,82 @@
+"""Single values of an experiment: numbers, texts and rows of them, checked against their field's bounds."""
+
+import json
+import math
+import reprlib
+from collections.abc import Iterable, Iterator
+from dataclasses import MISSING, fields
+from difflib import get_close_matches
+from typing import Any, get_args
+
+import numpy as np
+from pydantic import ValidationError
+
+from heli_twin.errors import HeliTwinError
+from heli_twin.experiment.fields import FieldInfo
+
+
+class ExperimentError(HeliTwinError):
+    """An experiment that cannot be flown as it was written."""
+
+
+def instead(wrong: Any, known: Iterable[str]) -> str:
+    """`'wrong': did you mean 'right'? Available: ...`."""
+    known = list(known)
+    near = get_close_matches(str(wrong), known, n=1, cutoff=0.5)
+    return f"'{wrong}': " + (f"did you mean '{near[0]}'? " if near else "") + f"Available: {', '.join(known)}"
+
+
+def plain(value: Any) -> Any:
+    """A value without tuples and NumPy: lists and Python's own numbers and texts."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [plain(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
+    """A value as its field's annotation allows it.
+
+    Args:
+        info: The field.
+        value: Numbers, texts, and lists of them.
+        path: Dotted path of the field, for the error.
+        spec: The class that has the field.
+
+    Raises:
+        ExperimentError: Names the field, its value, the limit and the default.
+    """
+    assert info.adapter is not None
+    if any(isinstance(v, float) and not math.isfinite(v) for v in _leaves_of(value)):
+        raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a finite number; {_default(info, spec, path)}")
+    try:
+        return info.adapter.validate_json(json.dumps(value, default=str), strict=True)
+    except ValidationError as errors:
+        error = errors.errors()[0]
+        where = path + "".join(f"[{i}]" for i in error["loc"])
+        message = error["msg"][:1].lower() + error["msg"][1:]
+        if error["type"] == "literal_error":
+            options = [str(option) for option in get_args(info.type)]
+            raise ExperimentError(f"{path} = {instead(value, options)}") from None
+        unit = f" {info.unit}" if info.unit and "ctx" in error else ""
+        message = message.replace("input should be", "it must be") + unit
+        raise ExperimentError(
+            f"{where} = {reprlib.repr(error['input'])}: {message}; {_default(info, spec, path)}"
+        ) from None
+
+
+def _leaves_of(value: Any) -> Iterator[Any]:
+    if isinstance(value, list):
+        for inner in value:
+            yield from _leaves_of(inner)
+    else:
+        yield value
+
+
+def _default(info: FieldInfo, spec: type, path: str) -> str:
+    if info.columns:
+        return f"each row is {', '.join(info.columns)}"
+    field = next(f for f in fields(spec) if f.name == path.rpartition(".")[2])
+    value = field.default if field.default_factory is MISSING else field.default_factory()
+    return (
+        "it has no default" if value is MISSING else f"the default is {json.dumps(plain(value))} {info.unit}".rstrip()
+    )
