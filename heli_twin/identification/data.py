@@ -54,7 +54,7 @@ class Stretch(NamedTuple):
     time: Array
     """(n,) of the rows, s since the start of the flight."""
     axes: dict[str, Equation]
-    """By axis x, y, z, yaw."""
+    """By axis x, y, z, yaw; an axis whose input the log does not have is not there."""
 
 
 def stretches(log: Log, name: str) -> Iterator[Stretch]:
@@ -127,6 +127,9 @@ def _stretch(name: str, t: Array, pose: Array, log: Log) -> Stretch:
     hover = float(np.mean(sent(2, 0.0, 0.0) * up))
 
     def tilting(axis: int) -> Callable[[float, float], Array]:
+        if not np.isfinite(hover):
+            # A recording without thrust commands: the thrust is taken to be that of hover.
+            return lambda delay, lag: windowed(sent(axis, delay, lag))
         return lambda delay, lag: windowed(sent(axis, delay, lag) * sent(2, delay, lag) / hover)
 
     def planar(axis: int) -> Equation:
@@ -145,7 +148,10 @@ def _stretch(name: str, t: Array, pose: Array, log: Log) -> Stretch:
         "z": Equation(windowed(az + GRAVITY), lifting, None, constant),
         "yaw": Equation(windowed(ar), turning, windowed(r), constant),
     }
-    return Stretch(name, windowed(t[1:-1]), axes)
+    known = np.isfinite(log.sent.u).all(axis=0)
+    return Stretch(
+        name, windowed(t[1:-1]), {axis: axes[axis] for axis, is_known in zip(axes, known, strict=True) if is_known}
+    )
 
 
 def _derivatives(signal: Array) -> tuple[Array, Array]:

@@ -73,7 +73,9 @@ def identify(logs: Iterable[tuple[str, Log]]) -> Identified:
             f"no usable flight in {', '.join(names) or 'no logs'}: it takes 5 s with poses and sent commands, higher "
             f"than 0.2 m; {REMEDY}"
         )
-    fits = {axis: fit_axis(axis, pieces) for axis in NEEDS}
+    # Of an input that no recording has, nothing can be said.
+    told = [axis for axis in NEEDS if any(axis in piece.axes for piece in pieces)]
+    fits = {axis: fit_axis(axis, [piece for piece in pieces if axis in piece.axes]) for axis in told}
     return Identified(fits, tuple(names), sum(float(p.time[-1] - p.time[0]) for p in pieces))
 
 

@@ -12,6 +12,7 @@ from heli_twin.exchange.formats import Options
 from heli_twin.exchange.formats.table import Source, parse_map
 from heli_twin.exchange.import_poses import Reading, import_poses
 from heli_twin.identification.data import stretches
+from heli_twin.identification.identify import identify
 from heli_twin.metrics.tracking import metrics
 from heli_twin.reanalysis.reestimate import reestimate, same_bits
 from heli_twin.reanalysis.resolve import resolve
@@ -210,3 +211,16 @@ def test_some_of_the_inputs_are_enough(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.sent.u[:, :2], np.tile([0.1, 0.0], (100, 1)))
     assert np.isnan(log.sent.u[:, 2:]).all()
     assert np.isfinite(log.estimate.x).all()
+
+
+def test_x_and_y_are_identified_without_thrust_commands(tmp_path: Path) -> None:
+    """Two of four inputs are enough for two of four axes: the model's gains within 2 %, for the thrust hardly varies."""
+    flight = fly(load("ideal", ["trajectory=doublets", "duration=60"]), log_dir=None).log
+    u = flight.sent.u[np.searchsorted(flight.sent.time, flight.pose.stamp, side="right") - 1]
+    rows = np.column_stack([1e-9 * flight.pose.stamp, flight.pose.position, flight.pose.quat_wxyz, u[:, :2]])
+    lines = [",".join(f"{value:.12g}" for value in row) for row in rows]
+    log = _imported(tmp_path, "time,x,y,z,qw,qx,qy,qz,ux,uy", *lines)
+    parameters = identify([("import", log)]).parameters
+    assert sorted(parameters) == ["b_x", "b_y", "k_x", "k_y"]
+    assert parameters["b_x"].value == pytest.approx(2.0, rel=0.02)
+    assert parameters["b_y"].value == pytest.approx(2.1, rel=0.02)
