@@ -148,7 +148,7 @@ def _stretch(name: str, t: Array, pose: Array, log: Log) -> Stretch:
         "z": Equation(windowed(az + GRAVITY), lifting, None, constant),
         "yaw": Equation(windowed(ar), turning, windowed(r), constant),
     }
-    known = np.isfinite(log.sent.u).all(axis=0)
+    known = np.asarray(np.isfinite(log.sent.u).all(axis=0))
     return Stretch(
         name, windowed(t[1:-1]), {axis: axes[axis] for axis, is_known in zip(axes, known, strict=True) if is_known}
     )
