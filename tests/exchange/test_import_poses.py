@@ -214,7 +214,7 @@ def test_some_of_the_inputs_are_enough(tmp_path: Path) -> None:
 
 
 def test_x_and_y_are_identified_without_thrust_commands(tmp_path: Path) -> None:
-    """Two of four inputs are enough for two of four axes: the model's gains within 2 %, for the thrust hardly varies."""
+    """Two of four inputs are enough for two of four axes: the gains within 2 %, for the thrust hardly varies."""
     flight = fly(load("ideal", ["trajectory=doublets", "duration=60"]), log_dir=None).log
     u = flight.sent.u[np.searchsorted(flight.sent.time, flight.pose.stamp, side="right") - 1]
     rows = np.column_stack([1e-9 * flight.pose.stamp, flight.pose.position, flight.pose.quat_wxyz, u[:, :2]])
