@@ -73,7 +73,12 @@ def _add_run(actions: "_SubParsersAction[ArgumentParser]") -> None:
     run.add_argument(
         "--scheduler", metavar="ADDRESS", help="fly on a Dask cluster: tcp://HOST:8786, or a scheduler file"
     )
-    run.add_argument("--again", action="store_true", help="fly the runs again that were killed, hung or raised")
+    run.add_argument(
+        "--again",
+        action="store_true",
+        help="fly the runs again that were killed, hung or raised, or flown by other code",
+    )
+    run.add_argument("--accept-old", action="store_true", help="keep the rows of runs that other code flew")
     run.add_argument("--no-report", action="store_true", help="write no report at the end")
 
 
@@ -98,7 +103,8 @@ def run_(parsed: Namespace) -> int:
     out = parsed.out or STUDIES / study.name
     try:
         with Watch(study) as watch:
-            count = run_study(study, out, backend=_backend(parsed), watch=watch, again=parsed.again)
+            options = {"again": parsed.again, "accept_old": parsed.accept_old}
+            count = run_study(study, out, backend=_backend(parsed), watch=watch, **options)
     except KeyboardInterrupt as stop:
         stop.add_note(f"what was flown is kept in {out}, and the same command goes on")
         raise
@@ -191,15 +197,17 @@ def folder_of(name: str) -> Path:
 
 def status(parsed: Namespace) -> int:
     """Print how far a study is."""
-    from heli_twin.studies.store import Store
+    from heli_twin.studies.store import Store, mixed_codes
 
     folder = folder_of(parsed.study)
     with Store(folder) as store:
-        about, outcomes = store.about(), store.outcomes()
+        about, outcomes, mixed = store.about(), store.outcomes(), store.codes()
     done, planned = outcomes.total(), about.get("planned", 0)
     say(f"{about['study']['name']}: {done} of {planned} runs" + ("" if "finished" in about else ", not finished"))
     for outcome, number in outcomes.most_common():
         say(f"  {number:>7} {outcome}")
+    if len(mixed) > 1:
+        say(f"  flown by code of {len(mixed)} versions: {mixed_codes(mixed)}")
     say(f"launched {about['launched']} on {about['host']}, results in {folder}")
     return 0
 

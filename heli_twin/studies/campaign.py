@@ -6,6 +6,7 @@ import socket
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from heapq import heappop, heappush
 from itertools import islice
 from pathlib import Path
@@ -14,10 +15,13 @@ from typing import Any
 from heli_twin.experiment.tree import parsed
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Point, Row
+from heli_twin.studies.errors import StudyError
+from heli_twin.studies.flight_code import changes_of, code_hash, code_parts, file_hash
 from heli_twin.studies.plan import Plan, PlannedFlight, plan_of
+from heli_twin.studies.resume import check_code
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_tree
-from heli_twin.studies.work import fly_task
+from heli_twin.studies.work import OTHER_CODE, fly_task, fly_with_code
 from heli_twin.whole_file import write_whole
 from heli_twin.workers.engine import Backend, Done, Trouble, Work, flown
 from heli_twin.workers.stopping import stoppable
@@ -48,6 +52,7 @@ def run_study(
     backend: Callable[[Plan, float], Backend] | None = None,
     watch: Callable[[StudyProgress], None] = lambda progress: None,
     again: bool = False,
+    accept_old: bool = False,
     work: Work = fly_task,
 ) -> StudyProgress:
     """Fly what a study asks for and has not been flown yet, and write `results.parquet` at the end.
@@ -61,24 +66,27 @@ def run_study(
         out: Folder for the results.
         backend: Makes the backend from the plan and the timeout, s; None for all cores of this machine.
         watch: Called with the progress.
-        again: Fly the runs again that were killed, hung or raised.
+        again: Fly the runs again that were killed, hung or raised, and those that other code flew.
+        accept_old: Keep the rows of runs that other code flew.
         work: What a worker does with a run.
 
     Raises:
-        HeliTwinError: The study is wrong, or the folder is in use; nothing has been flown.
+        HeliTwinError: The study is wrong, the folder is in use, or other code flew some of its runs: nothing has been
+            flown. Or the disk is full, or a worker has other code: what was flown before is kept.
     """
     from heli_twin.studies.results import RESULTS, write_parquet
 
     plan = plan_of(study)
     with stoppable(), Store(out, write=True) as store:
         campaign = Campaign(plan, store, out, work, watch)
+        check_code(plan, store, campaign.code, again=again, accept_old=accept_old)
         store.begin(campaign.about())
         if again:
             store.forget_troubles()
         with (backend or embedded)(plan, time_allowed(plan)) as fleet:
             campaign.run(fleet)
         write_parquet(store, out / RESULTS)
-        store.note({"finished": datetime.now(UTC).isoformat()})
+        store.finish()
     return campaign.progress
 
 
@@ -111,6 +119,7 @@ class Campaign:
         self._worst: list[float] = []
         """The worst scores of this launch, as a heap with the least of them first."""
         self._failures_kept = 0
+        self.code = store.code_of(file_hash()) or code_hash()
 
     def about(self) -> dict[str, Any]:
         """The facts about the study as a whole that the store keeps for the report."""
@@ -121,6 +130,7 @@ class Campaign:
             "study": study_tree(self.plan.study),
             "base": self.plan.space.base,
             "planned": self.progress.total,
+            "code": self.code,
             "host": socket.gethostname(),
             "cores": os.cpu_count(),
             "system": platform.platform(),
@@ -146,7 +156,8 @@ class Campaign:
         self.watch(self.progress)
 
     def _batch(self, points: Iterable[Point], backend: Backend) -> None:
-        for done in flown(backend, self.work, self._tasks(points)):
+        work = partial(fly_with_code, self.work, file_hash(), self.code)
+        for done in flown(backend, work, self._tasks(points)):
             self._keep(done)
             self.watch(self.progress)
 
@@ -192,6 +203,11 @@ class Campaign:
     def _keep(self, done: Done) -> None:
         """Store a run that is over."""
         row, trouble = self._row(done)
+        if row["outcome"] == OTHER_CODE:
+            raise StudyError(
+                f"the worker on {row['host']} has other code ({changes_of(code_parts(), row['parts'])}): install there"
+                " what is installed here; what was flown before is kept"
+            )
         completed = row["outcome"] == COMPLETED
         score = row.get(self.plan.study.score) if completed else None
         if not isinstance(done.result, Trouble) and done.result.log is not None:
@@ -216,8 +232,9 @@ class Campaign:
                 "outcome": done.result.outcome,
                 "outcome_text": text,
                 "attempts": done.tries,
+                "code": self.code,
             }, True
-        return done.result.row | {"attempts": done.tries}, False
+        return done.result.row | {"attempts": done.tries, "code": self.code}, False
 
     def _prune(self) -> None:
         """Delete the logs of flights that were among the worst only for a while."""

@@ -5,17 +5,21 @@ import sqlite3
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from heli_twin.pasteable import pasteable
+from heli_twin.studies.database import CANNOT_WRITE, Transaction, database_trouble, lock_folder, no_study, open_database
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import PlannedFlight
 from heli_twin.studies.wide_table import WideTable, listed
 
-ABOUT_SQL = "CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT)"
-SETTINGS_SQL = "CREATE TABLE IF NOT EXISTS settings (setting INTEGER PRIMARY KEY, changes TEXT)"
-FLIGHTS_SQL = '"id" TEXT PRIMARY KEY, "outcome" TEXT, "score_" REAL, "trouble_" INTEGER, "outcome_text" TEXT'
+TABLES_SQL = (
+    "CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT)",
+    "CREATE TABLE IF NOT EXISTS settings (setting INTEGER PRIMARY KEY, changes TEXT)",
+    "CREATE TABLE IF NOT EXISTS codes (code TEXT PRIMARY KEY, files TEXT, parts TEXT)",
+)
+FLIGHTS_SQL = '"id" TEXT PRIMARY KEY, "outcome" TEXT, "score_" REAL, "trouble_" INTEGER, "code" TEXT'
 RUNS_SQL = '"n" INTEGER PRIMARY KEY, "id" TEXT, "setting" INTEGER, "alternative" TEXT, "point" INTEGER, "seed" INTEGER'
 INDEXES_SQL = ("CREATE INDEX IF NOT EXISTS scores ON flights (score_)", "CREATE INDEX IF NOT EXISTS ids ON runs (id)")
 FORMAT_VERSION = 1
@@ -23,6 +27,11 @@ FORMAT_VERSION = 1
 ROWS_PER_READ = 1000
 INTERNAL_COLUMNS = ("n", "setting", "score_", "trouble_")
 """Columns that only this module uses."""
+
+
+def mixed_codes(codes: Counter[str]) -> str:
+    """Say how many flights each code flew."""
+    return ", ".join(f"{number} by {code or 'code without a hash'}" for code, number in codes.most_common())
 
 
 class Store:
@@ -35,37 +44,42 @@ class Store:
 
     def __init__(self, folder: Path, *, write: bool = False) -> None:
         self.path = folder / "results.sqlite"
-        if not write and not self.path.exists():
-            again = pasteable("heli-twin", "study", "run", "FILE", "--out", folder)
-            raise StudyError(f"{folder} holds no study: run one with `{again}`")
-        self._lock = _lock(folder) if write else None
+        self._lock = lock_folder(folder) if write else None
         try:
-            self._db = sqlite3.connect(self.path, isolation_level=None)
-            self._check_format()
-            if write:
-                self._db.execute(f"PRAGMA user_version={FORMAT_VERSION}")
-                self._db.execute("PRAGMA journal_mode=WAL")
-                self._db.execute("PRAGMA synchronous=NORMAL")
+            self._db = open_database(self.path, write=write)
+            self._check_format(write)
             self._runs = WideTable(self._db, "runs", RUNS_SQL)
             self._flights = WideTable(self._db, "flights", FLIGHTS_SQL)
             if write:
-                for sql in (ABOUT_SQL, SETTINGS_SQL):
-                    self._db.execute(sql)
-                self._runs.create()
-                self._flights.create()
-        except sqlite3.DatabaseError as error:
-            raise StudyError(f"{self.path} cannot be used ({error}): move it away, or give another --out") from None
+                self._db.execute("PRAGMA journal_mode=WAL")
+                self._db.execute("PRAGMA synchronous=NORMAL")
+                self._create()
+        except (sqlite3.Error, StudyError) as error:
+            self.close()
+            raise (database_trouble(self.path, error) if isinstance(error, sqlite3.Error) else error) from None
 
-    def _check_format(self) -> None:
-        """Refuse a file that is neither empty nor a store of this version."""
+    def _check_format(self, write: bool) -> None:
+        """Refuse a file that is neither empty nor a store of this version; one to read must not be empty."""
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
-        (tables,) = self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         if tables and version != FORMAT_VERSION:
-            raise StudyError(f"{self.path} was written by another version: move it away, or give another --out")
+            raise StudyError(
+                f"{self.path} was written by another version or program: move it away, or give another --out"
+            )
+        if not write and not {"about", "runs", "flights", "settings"} <= tables:
+            raise no_study(self.path.parent)
+
+    def _create(self) -> None:
+        with Transaction(self._db):
+            self._db.execute(f"PRAGMA user_version={FORMAT_VERSION}")
+            for sql in TABLES_SQL:
+                self._db.execute(sql)
+            self._runs.create()
+            self._flights.create()
 
     def begin(self, about: Mapping[str, Any]) -> None:
         """A new launch: what it asks for is written anew, what was flown stays."""
-        with self._transaction():
+        with Transaction(self._db):
             self._runs.renew()
             self._db.execute("DELETE FROM settings")
             self._db.execute("DELETE FROM about")
@@ -80,7 +94,7 @@ class Store:
 
     def ask(self, runs: Iterable[tuple[int, PlannedFlight]]) -> None:
         """Write down numbered runs that the study wants."""
-        with self._transaction():
+        with Transaction(self._db):
             self._runs.put(self._asked(runs))
 
     def _asked(self, runs: Iterable[tuple[int, PlannedFlight]]) -> Iterator[dict[str, Any]]:
@@ -95,20 +109,66 @@ class Store:
 
     def add(self, rows: Iterable[tuple[Mapping[str, Any], float | None, bool]]) -> None:
         """Store flights in one transaction: the row, its score if it completed, whether it brought no row back."""
-        with self._transaction():
+        with Transaction(self._db):
             self._flights.put({**row, "score_": score, "trouble_": trouble} for row, score, trouble in rows)
 
     def forget_troubles(self) -> None:
         """Let runs that were killed, hung or raised fly again."""
         self._db.execute("DELETE FROM flights WHERE trouble_")
 
+    def finish(self) -> None:
+        """Note the end of the study, and leave one file that can be read on read-only media."""
+        self.note({"finished": datetime.now(UTC).isoformat()})
+        with suppress(sqlite3.OperationalError):
+            # Impossible while somebody reads.
+            self._db.execute("PRAGMA journal_mode=DELETE")
+
+    def code_of(self, files: str) -> str | None:
+        """Return the code hash that belongs to a hash of files, if it is known."""
+        row = self._db.execute("SELECT code FROM codes WHERE files = ?", (files,)).fetchone()
+        return row[0] if row else None
+
+    def keep_code(self, code: str, files: str, parts: Mapping[str, str]) -> None:
+        """Keep what a code hash stands for."""
+        self._db.execute("REPLACE INTO codes VALUES (?, ?, ?)", (code, files, json.dumps(parts)))
+
+    def parts_of(self, code: str | None) -> dict[str, str]:
+        """Return the hashes that a code hash stands for; empty for code that left none."""
+        row = self._db.execute("SELECT parts FROM codes WHERE code = ?", (code,)).fetchone()
+        return json.loads(row[0]) if row else {}
+
+    def flown_by_other(self, code: str) -> dict[str, str | None]:
+        """The code hashes of all stored flights that other code flew, by id; None where it left no hash."""
+        if "code" not in self._flights.columns:
+            return dict.fromkeys(run_id for (run_id,) in self._db.execute("SELECT id FROM flights"))
+        return dict(self._db.execute("SELECT id, code FROM flights WHERE code IS NOT ?", (code,)).fetchall())
+
+    def forget(self, ids: Iterable[str]) -> None:
+        """Let flights be flown again."""
+        with Transaction(self._db):
+            self._db.executemany("DELETE FROM flights WHERE id = ?", ((run_id,) for run_id in ids))
+
+    def codes(self) -> Counter[str]:
+        """Numbers of the wanted flights by the hash of the code that flew them."""
+        if "code" not in self._flights.columns:
+            return Counter()
+        query = "SELECT coalesce(code, ''), count(*) FROM runs JOIN flights USING (id) GROUP BY code"
+        return Counter(dict(self._db.execute(query).fetchall()))
+
     def has(self, run_id: str) -> bool:
         """Return whether a run has been flown."""
         return self._db.execute("SELECT 1 FROM flights WHERE id = ?", (run_id,)).fetchone() is not None
 
     def about(self) -> dict[str, Any]:
-        """Facts about the study as a whole."""
-        return {key: json.loads(value) for key, value in self._db.execute("SELECT key, value FROM about")}
+        """Facts about the study as a whole.
+
+        Raises:
+            StudyError: There are none yet.
+        """
+        about = {key: json.loads(value) for key, value in self._db.execute("SELECT key, value FROM about")}
+        if not {"study", "base"} <= about.keys():
+            raise no_study(self.path.parent)
+        return about
 
     def outcomes(self) -> Counter[str]:
         """Numbers of the wanted runs by outcome, so far."""
@@ -178,42 +238,15 @@ class Store:
 
     def close(self) -> None:
         """Close the database and release the lock."""
-        with suppress(sqlite3.Error):
-            self._db.close()
-        if self._lock is not None:
-            self._lock.close()
+        for connection in (getattr(self, "_db", None), self._lock):
+            if connection is not None:
+                with suppress(sqlite3.Error):
+                    connection.close()
 
     def __enter__(self) -> "Store":
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: object, error: object, *trace: object) -> None:
         self.close()
-
-    def _transaction(self) -> "_Transaction":
-        return _Transaction(self._db)
-
-
-class _Transaction:
-    """All or nothing."""
-
-    def __init__(self, db: sqlite3.Connection) -> None:
-        self._db = db
-
-    def __enter__(self) -> None:
-        self._db.execute("BEGIN")
-
-    def __exit__(self, kind: object, *error: object) -> None:
-        self._db.execute("COMMIT" if kind is None else "ROLLBACK")
-
-
-def _lock(folder: Path) -> sqlite3.Connection:
-    """A lock that the operating system lets go of when its holder dies, on every system alike."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = sqlite3.connect(folder / "lock.sqlite", isolation_level=None, timeout=0.2)
-        lock.execute("BEGIN EXCLUSIVE")
-    except sqlite3.OperationalError:
-        raise StudyError(f"another study is running in {folder}: wait for it, or give another --out") from None
-    except OSError as error:
-        raise StudyError(f"cannot write to {folder} ({error.strerror}): give another --out") from None
-    return lock
+        if isinstance(error, sqlite3.Error) or (isinstance(error, OSError) and error.errno in CANNOT_WRITE):
+            raise database_trouble(self.path, error) from None

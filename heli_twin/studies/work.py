@@ -5,10 +5,33 @@ from io import BytesIO
 from time import perf_counter
 from typing import Any
 
+from heli_twin.studies.flight_code import code_hash, code_parts, file_hash
+from heli_twin.workers.engine import Work
 from heli_twin.workers.task import Flown, Task
 
 DECODED_TOPICS = ("/truth", "/reference", "/command/sent", "/mpc/qp", "/timing")
 """The topics from which the columns of a row are computed; other topics are not decoded."""
+
+OTHER_CODE = "other code"
+"""The outcome of a run that a worker refuses, since its code is not the driver's."""
+
+file_hash()
+"""Kept by this process from its start on, when the modules that are hashed are loaded too."""
+
+
+def fly_with_code(work: Work, files: str, code: str, task: Task) -> Flown:
+    """Do the work if this process has the driver's code.
+
+    Args:
+        work: Flies the run.
+        files: The driver's `file_hash`.
+        code: The driver's `code_hash`.
+        task: The run.
+    """
+    if files != file_hash() and code != code_hash():
+        row = {"id": task.id, "outcome": OTHER_CODE, "host": socket.gethostname(), "parts": code_parts()}
+        return Flown(row)
+    return work(task)
 
 
 def fly_task(task: Task) -> Flown:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from heli_twin.reporting.figure import Table
 from heli_twin.studies.report.results import Results
+from heli_twin.studies.store import Store, mixed_codes
 from heli_twin.studies.worst import worst_runs
 
 
@@ -18,11 +19,14 @@ def worst(results: Results) -> Iterator[Table]:
 def provenance(results: Results) -> Iterator[Table]:
     """Yield the table of study, machine and versions."""
     about, study = results.about, results.study
+    with Store(results.folder) as store:
+        mixed = store.codes()
     rows = [
         ["question", study.question],
         ["design", f"{study.design.kind}, {len(results):,} flights, {study.replicates} shared seeds from {study.seed}"],
         ["rows", f"{results.folder / 'results.parquet'}"],
         ["launched", f"{about.get('launched', '')} on {about.get('host', '')}, {about.get('cores', '')} cores"],
+        ["code", f"{len(mixed)} versions are mixed: {mixed_codes(mixed)}" if len(mixed) > 1 else about.get("code", "")],
         *([key.removeprefix("with."), str(value)] for key, value in about.items() if key.startswith("with.")),
     ]
     skipped = {"started", "processes"}
