@@ -45,6 +45,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         sub.add_argument("study", help=folder[0])
         if name == "worst":
             sub.add_argument("-n", type=int, default=10, metavar="N", help="how many (default 10)")
+        if name == "report":
+            sub.add_argument("--out", type=Path, metavar="DIR", help="for the report (default: the study's folder)")
     fly = command(actions, "fly", refly, "fly one run again", "Fly one run again, by the id in a report.", REFLY)
     fly.add_argument("study", help=folder[0])
     fly.add_argument("id", help="the run's id, or how it begins")
@@ -216,7 +218,7 @@ def report(parsed: Namespace) -> int:
     """Write the report of a study."""
     from heli_twin.studies.report import write_report
 
-    say(f"report {write_report(folder_of(parsed.study))}")
+    say(f"report {write_report(folder_of(parsed.study), parsed.out)}")
     return 0
 
 

@@ -1,8 +1,9 @@
 """One HTML page that needs no network: sections under a table of contents, styled for screen and paper."""
 
 import html
+import json
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from heli_twin.reporting.figure import Table
 
@@ -27,6 +28,12 @@ def html_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
     body = "".join(f"<tr>{''.join(row)}</tr>" for row in rows)
     return f'<div class="table"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def json_block(data: Any) -> str:
+    """Data for a script of the page; no text in it can end the block or begin another one."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return f'<script type="application/json">{text}</script>'
 
 
 def _cell(text: str, is_code: bool) -> str:

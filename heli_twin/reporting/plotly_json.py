@@ -1,5 +1,6 @@
 """Figures for the page as JSON for plotly.js. The only module that imports plotly."""
 
+import html
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -76,14 +77,14 @@ def _traces(panel: Panel, mark: Mark) -> Iterator[Trace]:
 def _curve(mark: Curve) -> Iterator[Trace]:
     if mark.low is not None and mark.high is not None:
         edge = {"x": _list(mark.x), "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
-        yield edge | {"y": _list(mark.low), "name": mark.label}
+        yield edge | {"y": _list(mark.low), "name": _plain(mark.label)}
         yield edge | {
             "y": _list(mark.high),
-            "name": mark.label,
+            "name": _plain(mark.label),
             "fill": "tonexty",
             "fillcolor": _faint(color(mark.color)),
         }
-    trace: Trace = {"x": _list(mark.x), "y": _list(mark.y), "name": mark.label, "mode": "lines+markers"}
+    trace: Trace = {"x": _list(mark.x), "y": _list(mark.y), "name": _plain(mark.label), "mode": "lines+markers"}
     trace["line"] = {"color": color(mark.color), "dash": LINE_DASHES.get(mark.style, "solid")}
     trace["marker"] = {"color": color(mark.color), "size": 6}
     if mark.style == "points":
@@ -97,9 +98,10 @@ def _curve(mark: Curve) -> Iterator[Trace]:
 
 def _bars(mark: Bars) -> Trace:
     end = mark.start + mark.length
-    trace: Trace = {"type": "bar", "orientation": "h", "y": list(mark.names), "base": _list(mark.start)}
-    trace |= {"x": _list(mark.length), "name": mark.label, "showlegend": False, "marker": {"color": shades(mark)}}
-    trace["hovertext"] = [f"{name}: {value:.3g}" for name, value in zip(mark.names, end, strict=True)]
+    names = [_plain(name) for name in mark.names]
+    trace: Trace = {"type": "bar", "orientation": "h", "y": names, "base": _list(mark.start), "x": _list(mark.length)}
+    trace |= {"name": _plain(mark.label), "showlegend": False, "marker": {"color": shades(mark)}}
+    trace["hovertext"] = [_plain(f"{name}: {value:.3g}") for name, value in zip(mark.names, end, strict=True)]
     trace["hoverinfo"] = "text"
     if mark.low is not None and mark.high is not None:
         trace["error_x"] = _error(end, mark.low, mark.high)
@@ -109,15 +111,15 @@ def _bars(mark: Bars) -> Trace:
 def _dots(panel: Panel, mark: Dots) -> Trace:
     marks = [m for m in panel.marks if isinstance(m, Dots)]
     offset = (marks.index(mark) - 0.5 * (len(marks) - 1)) * 0.7 / max(1, len(marks))
-    trace: Trace = {"x": _list(mark.value), "y": [i + offset for i in range(len(mark.names))], "name": mark.label}
-    trace |= {"mode": "markers", "marker": {"color": color(mark.color), "size": 9}}
+    trace: Trace = {"x": _list(mark.value), "y": [i + offset for i in range(len(mark.names))]}
+    trace |= {"name": _plain(mark.label), "mode": "markers", "marker": {"color": color(mark.color), "size": 9}}
     trace["error_x"] = _error(mark.value, mark.low, mark.high)
     texts = mark.texts or [f"{value:.3g}" for value in mark.value]
-    trace["hovertext"] = [f"{mark.label}, {name}: {text}" for name, text in zip(mark.names, texts, strict=True)]
+    trace["hovertext"] = [_plain(f"{mark.label}, {name}: {text}") for name, text in zip(mark.names, texts, strict=True)]
     trace["hoverinfo"] = "text"
     if mark.texts:
         # The interval is drawn already.
-        short = [text.partition(" [")[0] for text in mark.texts]
+        short = [_plain(text.partition(" [")[0]) for text in mark.texts]
         trace |= {"mode": "markers+text", "cliponaxis": False, "text": short}
         trace |= {"textposition": "top center", "textfont": {"size": 11}}
     return _with_commands(trace, mark.commands)
@@ -191,8 +193,7 @@ def _color_axis(mark: Heat, x: float, y: float, length: float) -> dict[str, Any]
 
 
 def _x_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
-    axis: dict[str, Any] = {"domain": domain, "anchor": f"y{tail}", "title": {"text": panel.x_label}, "zeroline": False}
-    axis |= {"gridcolor": "#eee", "linecolor": "#888", "ticks": "outside", "type": "log" if panel.x_log else "linear"}
+    axis = _axis(panel.x_label, domain, f"y{tail}") | {"type": "log" if panel.x_log else "linear"}
     if panel.x_log:
         axis["dtick"] = "D2"
     if ends := _ends(panel, 0):
@@ -202,13 +203,17 @@ def _x_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
     return axis
 
 
+def _axis(label: str, domain: list[float], anchor: str) -> dict[str, Any]:
+    look = {"zeroline": False, "gridcolor": "#eee", "linecolor": "#888", "ticks": "outside"}
+    return {"domain": domain, "anchor": anchor, "title": {"text": _plain(label)}, **look}
+
+
 def _y_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
-    axis: dict[str, Any] = {"domain": domain, "anchor": f"x{tail}", "title": {"text": panel.y_label}, "zeroline": False}
-    axis |= {"gridcolor": "#eee", "linecolor": "#888", "ticks": "outside"}
+    axis = _axis(panel.y_label, domain, f"x{tail}")
     if any(isinstance(mark, Bars) for mark in panel.marks):
         return axis | {"autorange": "reversed", "automargin": True, "type": "category"}
     if names := _names(panel):
-        ticks = {"tickvals": list(range(len(names))), "ticktext": list(names)}
+        ticks = {"tickvals": list(range(len(names))), "ticktext": [_plain(name) for name in names]}
         return axis | ticks | {"range": [len(names) - 0.4, -0.6], "automargin": True}
     axis |= {"type": "log", "dtick": "D2"} if panel.y_log else {"rangemode": "tozero"}
     ends = _ends(panel, 1)
@@ -227,9 +232,14 @@ def _ends(panel: Panel, side: int) -> list[float]:
 
 def _title(panel: Panel, x: float, y: float) -> dict[str, Any]:
     return {
-        "text": f"<b>{panel.title}</b>", "x": x, "y": y, "xref": "paper", "yref": "paper", "xanchor": "left",
+        "text": f"<b>{_plain(panel.title)}</b>", "x": x, "y": y, "xref": "paper", "yref": "paper", "xanchor": "left",
         "yanchor": "bottom", "showarrow": False,
     }  # fmt: skip
+
+
+def _plain(text: str) -> str:
+    """Text that plotly shows as it is: it reads some HTML."""
+    return html.escape(text, quote=False)
 
 
 def _names(panel: Panel) -> Sequence[str]:

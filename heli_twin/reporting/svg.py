@@ -1,7 +1,8 @@
 """Figures for papers, drawn by matplotlib, which only this module imports: the same data give the same bytes."""
 
+import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 RC_PARAMETERS: dict[Any, Any] = {
     "svg.hashsalt": "heli_twin",
     "font.size": 8,
+    # A name may hold a dollar sign.
+    "text.parse_math": False,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -60,7 +63,10 @@ def write_svg(figure: Figure, path: Path) -> None:
         for axes in places[len(panels) :]:
             axes.set_visible(False)
         _legend(canvas, figure)
-        canvas.savefig(path, format="svg", metadata={"Date": None})
+        with warnings.catch_warnings():
+            # A letter that the font does not have is drawn as a box.
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")
+            canvas.savefig(path, format="svg", metadata={"Date": None})
 
 
 def _panel(axes: "Axes", panel: Panel) -> None:
@@ -79,27 +85,28 @@ def _panel(axes: "Axes", panel: Panel) -> None:
             case Heat():
                 _heat(axes, mark, panel)
     if panel.x_log:
-        _log_scale(axes)
+        _log_scale(axes, "x")
     elif dots and axes.dataLim.x0 >= 0:
         axes.set_xlim(left=0)
     if panel.y_log:
-        axes.set_yscale("log")
+        _log_scale(axes, "y")
     if any(isinstance(mark, Heat | Bars | Dots) for mark in panel.marks):
         axes.grid(False)
     elif not panel.y_log and axes.dataLim.y0 >= 0:
         axes.set_ylim(bottom=0)
 
 
-def _log_scale(axes: "Axes") -> None:
-    """A logarithmic x axis that has numbers even where it is shorter than a decade."""
+def _log_scale(axes: "Axes", name: Literal["x", "y"]) -> None:
+    """A logarithmic axis that has numbers even where it is shorter than a decade."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    axes.set_xscale("log")
-    low, high = axes.get_xlim()
+    axis: Any = axes.xaxis if name == "x" else axes.yaxis
+    axes.set(**{f"{name}scale": "log"})
+    low, high = axis.get_view_interval()
     subs = (1.0, 2.0, 5.0) if high < 10 * low else (1.0, 3.0) if high < 300 * low else (1.0,)
-    axes.xaxis.set_major_locator(LogLocator(subs=subs))
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _curve(axes: "Axes", mark: Curve) -> None:
