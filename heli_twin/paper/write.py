@@ -41,7 +41,7 @@ def write_paper(
 
     Args:
         out: Folder for them.
-        seeds: How many flights of each case; intervals need two at least.
+        seeds: How many flights of each case; means need two for an interval, medians six.
         duration: Of each flight, s.
         identification: Fly the doublets too, and identify (27).
         progress: Told of every flight that is over.
@@ -53,7 +53,10 @@ def write_paper(
         HeliTwinError: The folder cannot be written, or the flights of the figures failed.
     """
     if seeds < 1:
-        raise HeliTwinError(f"--seeds {seeds}: fly at least one seed; intervals need two (default: {DEFAULT_SEEDS})")
+        raise HeliTwinError(
+            f"--seeds {seeds}: fly at least one seed, two for intervals of means and six for those of"
+            f" medians (default: {DEFAULT_SEEDS})"
+        )
     try:
         out.mkdir(parents=True, exist_ok=True)
         flights, doublets = _fly(out, seeds, duration, identification, progress)

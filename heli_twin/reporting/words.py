@@ -88,20 +88,28 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def interval(found: Interval, factor: float = 1.0, unit: str = "") -> str:
-    """`1.23 [1.1, 1.4] cm`."""
+    """`1.23 [1.1, 1.4] cm`; `1.23 cm (one seed)` without an interval."""
     if not np.isfinite(found.value):
         return "-"
     text = number(found.value * factor)
     if found.low < found.high:
         text += f" [{number(found.low * factor)}, {number(found.high * factor)}]"
-    return f"{text} {unit}".rstrip()
+    return f"{text} {unit}".rstrip() + few_seeds(found)
 
 
 def percent(found: Interval) -> str:
-    """A rate with its interval."""
-    if not found.n:
+    """`3.2 % [1.1, 7.4]`; `3.2 % (one seed)` without an interval."""
+    if not np.isfinite(found.value):
         return "-"
-    return f"{100 * found.value:.3g} % [{100 * found.low:.2g}, {100 * found.high:.2g}]"
+    span = f" [{100 * found.low:.2g}, {100 * found.high:.2g}]" if np.isfinite(found.low) else ""
+    return f"{100 * found.value:.3g} %{span}{few_seeds(found)}"
+
+
+def few_seeds(found: Interval) -> str:
+    """The reason for a missing interval."""
+    if np.isfinite([found.low, found.high]).all():
+        return ""
+    return " (one seed)" if found.n == 1 else f" ({found.n} seeds: too few for an interval)"
 
 
 def listed(words: Sequence[str]) -> str:

@@ -30,7 +30,7 @@ def ladder(results: Results) -> Iterator[Figure | Table]:
         bars = _waterfall(alternative, shown, found, commands, scale.factor, place)
         panels.append(Panel(alternative, scale.label, "", [bars]))
         sentences.append(_sentence(alternative, names, found, scale.factor, scale.unit))
-    yield Figure("ladder", "Mismatch ladder", "; ".join(sentences) + ".", panels)
+    yield Figure("ladder", "Mismatch ladder", "; ".join(sentences) + f"{results.one_seed}.", panels)
     yield _table(results, heights.tolist(), names)
 
 
@@ -64,6 +64,5 @@ def _table(results: Results, heights: list[float], names: list[str]) -> Table:
             cells = [interval(mean_interval(rung.metric(m)), metric(m).factor, metric(m).unit) for m in columns]
             rows.append([alternative, name, f"{int(rung.failed.sum())} of {len(rung)}", *cells])
     header = ["", "rung", "failed", *(metric(m).name for m in columns)]
-    return Table(
-        "Ladder in numbers", "Means over the seeds with 95 % intervals, of the flights that completed.", header, rows
-    )
+    means = "Means over the seeds with 95 % intervals" if results.seeds > 1 else "One seed"
+    return Table("Ladder in numbers", f"{means}, of the flights that completed.", header, rows)

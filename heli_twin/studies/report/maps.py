@@ -124,7 +124,7 @@ def _sweep_sentence(
         else:
             mean = what.factor * grouped_mean(place, results.metric(name), len(values)).mean
             facts.append(f"{what.name} {number(mean[0])} {what.unit} at {shown[0]}, {number(mean[-1])} at {shown[-1]}")
-    return f"{'; '.join(facts)}; {int(results.failed.sum()):,} of {len(results):,} flights failed."
+    return f"{'; '.join(facts)}; {int(results.failed.sum()):,} of {len(results):,} flights failed{results.one_seed}."
 
 
 def _leaders(
@@ -241,7 +241,7 @@ def _map_sentence(results: Results, found: dict[str, Any], also: str) -> str:
             else ""
         )
         facts.append(f"{name} fails in half of its flights or more on {lost:.0f} % of the map{span}")
-    return "; ".join(facts) + f" (black line: half of the flights fail; white: all of them{also})."
+    return "; ".join(facts) + f" (black line: half of the flights fail; white: all of them{also}){results.one_seed}."
 
 
 def _clouds(results: Results, paths: list[str]) -> Figure:

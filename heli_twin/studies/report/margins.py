@@ -6,7 +6,7 @@ import numpy as np
 
 from heli_twin.reporting.figure import Array, Dots, Figure, Panel, Table
 from heli_twin.reporting.intervals import median_interval
-from heli_twin.reporting.words import Scale, field, metric, number
+from heli_twin.reporting.words import Scale, few_seeds, field, metric, number
 from heli_twin.studies.axes import Axis, axis_of
 from heli_twin.studies.designs.margin import Margin, bracket
 from heli_twin.studies.report.results import Results
@@ -34,8 +34,9 @@ def margins(results: Results) -> Iterator[Figure | Table]:
             sentences.append(f"{alternative}: {path} {texts[0]} by its {metric(next(iter(found))).name}")
         panels.append(Panel(path, scale.label, "", dots))
     yield Figure("margins", "Margins", "How far each axis may go: " + "; ".join(sentences) + ".", panels)
+    median = f"Median over {results.seeds} shared seeds" if results.seeds > 1 else "One seed"
     sentence = (
-        f"Median over {results.study.replicates} shared seeds with its 95 % interval, found by bisection; "
+        f"{median}{' with its 95 % interval' if results.seeds > 5 else ''}, found by bisection; "
         "a value beyond the range is one that was never reached; the command flies the first flight beyond the margin."
     )
     yield Table("Margins in numbers", sentence, ["axis", "", "criterion", "margin", "beyond it"], rows, codes=(4,))
@@ -74,7 +75,7 @@ def _text(values: Array, axis: Axis, scale: Scale) -> str:
         return (beyond if value in ends else "") + number(value * scale.factor)
 
     spread = f" [{told(found.low)}, {told(found.high)}]" if found.low < found.high else ""
-    return f"{told(found.value)}{spread} {scale.unit}".rstrip()
+    return f"{told(found.value)}{spread} {scale.unit}".rstrip() + few_seeds(found)
 
 
 def _dots(label: str, found: dict[str, tuple[Array, str]], texts: list[str], axis: Axis, factor: float) -> Dots:

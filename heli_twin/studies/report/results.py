@@ -57,6 +57,16 @@ class Results:
         return [str(names[i]) for i in np.argsort(first)]
 
     @cached_property
+    def seeds(self) -> int:
+        """The number of seeds that were flown: an interval needs two at least."""
+        return len(np.unique(self["seed"]))
+
+    @property
+    def one_seed(self) -> str:
+        """A warning for sentences without intervals; empty with several seeds."""
+        return "" if self.seeds > 1 else " (one seed, so differences may be chance)"
+
+    @cached_property
     def failed(self) -> NDArray[np.bool_]:
         """A mask of the flights that did not complete."""
         return self["outcome"] != COMPLETED

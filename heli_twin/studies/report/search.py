@@ -40,7 +40,7 @@ def search(results: Results) -> Iterator[Figure]:
             ends[origin] = (worst[-1], _where(rows, trials[int(np.argmax(scores))]))
         panels.append(Panel(alternative, "points tried", f"worst {scale.label}", curves))
         sentences.append(_sentence(alternative, ends, scale.unit))
-    yield Figure("worst-case", "Worst case", "; ".join(sentences) + ".", panels)
+    yield Figure("worst-case", "Worst case", "; ".join(sentences) + f"{results.one_seed}.", panels)
 
 
 def _by_trial(rows: Results) -> tuple[Array, Array, list[str]]:

@@ -28,7 +28,8 @@ def sensitivity(results: Results) -> Iterator[Figure]:
         order = np.argsort([-f.value for f in found.total])
         ranked = ", ".join(f"{paths[i]} {number(found.total[i].value, 2)}" for i in order[:3])
         sentences.append(f"{alternative}: total order {ranked}")
-    text = "; ".join(sentences) + f" (score with failures penalised, {len(results):,} flights)."
+    kept = f"score with failures penalised, {len(results):,} flights; intervals over the drawn points"
+    text = "; ".join(sentences) + f" ({kept}){results.one_seed}."
     yield Figure("sobol", "Sobol indices", text, panels)
 
 

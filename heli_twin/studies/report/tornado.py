@@ -27,7 +27,7 @@ def tornado(results: Results) -> Iterator[Figure]:
         widest, path = swings[0]
         low, high, middle = (number(value * scale.factor) for value in (widest.min(), widest.max(), center))
         sentences.append(f"{alternative}: {path} matters most, {low} to {high} {scale.unit} on the base's {middle}")
-    yield Figure("tornado", "One at a time", "; ".join(sentences) + ".", panels)
+    yield Figure("tornado", "One at a time", "; ".join(sentences) + f"{results.one_seed}.", panels)
 
 
 def _swing(mine: Results, path: str, center: float) -> np.ndarray:

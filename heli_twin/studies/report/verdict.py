@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from heli_twin.reporting.figure import Array, Table
-from heli_twin.reporting.intervals import Interval, mean_interval, paired_interval, wilson
+from heli_twin.reporting.intervals import Interval, failure_interval, seed_interval
 from heli_twin.reporting.words import interval, listed, metric, percent
 from heli_twin.studies.report.results import Results
 
@@ -40,19 +40,26 @@ def _failures(results: Results, names: list[str]) -> list[str]:
         mine = results.of(name)
         reasons = Counter(mine["outcome"][mine.failed].tolist())
         why = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
-        cells.append(percent(wilson(int(mine.failed.sum()), len(mine))) + (f" ({why})" if why else ""))
+        cells.append(percent(failure_interval(mine.failed, mine["seed"])) + (f" ({why})" if why else ""))
     return ["failed flights", *cells, *[""] * (len(names) - 1)]
 
 
 def _cells(results: Results, names: list[str], values: Array, factor: float, unit: str) -> list[str]:
-    alone = [interval(mean_interval(values[results["alternative"] == name]), factor, unit) for name in names]
+    alone = [interval(_alone(results, values, name), factor, unit) for name in names]
     return alone + [interval(_difference(results, values, name, names[0]), factor, unit) for name in names[1:]]
+
+
+def _alone(results: Results, values: Array, name: str) -> Interval:
+    mine = results["alternative"] == name
+    return seed_interval(values[mine], results["seed"][mine])
 
 
 def _claim(results: Results, names: list[str]) -> str:
     """Say which alternatives are better or worse than the first, by the score of completed flights."""
     if len(names) == 1:
         return "one alternative, so nothing to compare"
+    if results.seeds == 1:
+        return "one seed: the differences may be chance, so nobody is called better; `replicates` gives more seeds"
     found = {name: _difference(results, results.metric(results.study.score), name, names[0]) for name in names[1:]}
     sides = {
         "better": [name for name, difference in found.items() if difference.high < 0],
@@ -64,14 +71,8 @@ def _claim(results: Results, names: list[str]) -> str:
 
 
 def _difference(results: Results, values: Array, name: str, other: str) -> Interval:
-    """Over the pairs of flights with the same point and seed that both completed."""
-    a, b = paired(results, values, name, other)
-    return paired_interval(a, b)
-
-
-def paired(results: Results, values: Array, name: str, other: str) -> tuple[Array, Array]:
-    """The values of two alternatives, side by side for the same point and seed."""
+    """Mean difference of the pairs of flights with the same point and seed that both completed, over the seeds."""
     key = results["point"] * 2.0**26 + results["replicate"]
-    mine, theirs = results["alternative"] == name, results["alternative"] == other
+    mine, theirs = (np.flatnonzero(results["alternative"] == either) for either in (name, other))
     _, a, b = np.intersect1d(key[mine], key[theirs], assume_unique=False, return_indices=True)
-    return values[mine][a], values[theirs][b]
+    return seed_interval(values[mine[a]] - values[theirs[b]], results["seed"][mine[a]])
