@@ -47,7 +47,9 @@ def write_svg(figure: Figure, path: Path) -> None:
     import matplotlib as mpl
     from matplotlib.figure import Figure as Canvas
 
-    with mpl.rc_context(RC_PARAMETERS):
+    with mpl.rc_context(RC_PARAMETERS), warnings.catch_warnings():
+        # A letter that the font does not have is drawn as a box.
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
         panels = figure.panels
         columns = 1 if len(panels) == 1 else 3 if len(panels) > 4 else 2
         rows = -(-len(panels) // columns)
@@ -63,10 +65,7 @@ def write_svg(figure: Figure, path: Path) -> None:
         for axes in places[len(panels) :]:
             axes.set_visible(False)
         _legend(canvas, figure)
-        with warnings.catch_warnings():
-            # A letter that the font does not have is drawn as a box.
-            warnings.filterwarnings("ignore", "Glyph .* missing from font")
-            canvas.savefig(path, format="svg", metadata={"Date": None})
+        canvas.savefig(path, format="svg", metadata={"Date": None})
 
 
 def _panel(axes: "Axes", panel: Panel) -> None:

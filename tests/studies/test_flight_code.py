@@ -3,10 +3,10 @@
 import subprocess
 import sys
 from collections import Counter
-from concurrent.futures import Future
 
 import hooks
 import pytest
+from in_process import InProcess
 
 from heli_twin.studies import flight_code
 from heli_twin.studies.campaign import run_study
@@ -14,38 +14,13 @@ from heli_twin.studies.errors import StudyError
 from heli_twin.studies.flight_code import ROOMS, changes_of, code_hash, code_parts, file_hash
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.store import Store
-from heli_twin.workers.engine import Trouble
 
 HARMLESS = ("heli_twin/__init__", "heli_twin/errors", "heli_twin/whole_file", "heli_twin/pasteable")
 """Modules that a flight loads and that no number of a row comes from."""
 
 
-class Here:
-    """A backend that flies in this process at once."""
-
-    def __init__(self, *ignored):
-        pass
-
-    def workers(self):
-        return 1
-
-    def submit(self, work, task):
-        future = Future()
-        future.set_result(work(task))
-        return future
-
-    def trouble(self, error):
-        return Trouble("error", str(error))
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *stopped):
-        pass
-
-
 def run(small, folder, **options):
-    return run_study(small, folder, backend=Here, work=hooks.pretend, **options)
+    return run_study(small, folder, backend=InProcess, work=hooks.pretend, **options)
 
 
 def with_files(monkeypatch, **changed):
@@ -158,7 +133,7 @@ def other_code(task):
 
 def test_a_worker_with_other_code_is_refused(small, tmp_path):
     with pytest.raises(StudyError, match=r"worker on far has other code \(numpy .* became 1.0\)"):
-        run_study(small, tmp_path, backend=Here, work=other_code)
+        run_study(small, tmp_path, backend=InProcess, work=other_code)
     assert run(small, tmp_path).flown == 6
 
 
