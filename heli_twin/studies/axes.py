@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol
 
 from heli_twin.experiment.families import members
 from heli_twin.studies.errors import StudyError
+from heli_twin.studies.plain import shortened
 
 EXTREME_QUANTILES = 0.05, 0.95
 """The quantiles that stand for the ends of a distribution."""
@@ -21,6 +22,10 @@ class Axis(Protocol):
 
     def levels(self) -> Sequence[Any]:
         """Its values in order; empty for a distribution."""
+        ...
+
+    def count(self) -> int:
+        """How many levels there are, without making them; 0 for a distribution."""
         ...
 
     def quantile(self, p: float) -> Any:
@@ -38,6 +43,10 @@ class Values:
     def levels(self) -> Sequence[Any]:
         """The values as written."""
         return self.values
+
+    def count(self) -> int:
+        """The length of the list."""
+        return len(self.values)
 
     def quantile(self, p: float) -> Any:
         """The value at this share of the list."""
@@ -60,6 +69,10 @@ class Linspace:
     def levels(self) -> Sequence[float]:
         """The values, both ends included."""
         return [_tidy(self.quantile(i / max(1, self.number - 1))) for i in range(int(self.number))]
+
+    def count(self) -> int:
+        """As many as were asked for."""
+        return int(self.number)
 
     def quantile(self, p: float) -> float:
         """The value at this share of the range."""
@@ -85,6 +98,10 @@ class Logspace:
         """The values, both ends included."""
         return [_tidy(self.quantile(i / max(1, self.number - 1))) for i in range(int(self.number))]
 
+    def count(self) -> int:
+        """As many as were asked for."""
+        return int(self.number)
+
     def quantile(self, p: float) -> float:
         """The value at this share of the range of logarithms."""
         return self.start * math.exp(p * math.log(self.stop / self.start))
@@ -106,6 +123,10 @@ class Normal:
     def levels(self) -> Sequence[float]:
         """An empty sequence: a distribution has no levels."""
         return ()
+
+    def count(self) -> int:
+        """None."""
+        return 0
 
     def quantile(self, p: float) -> float:
         """The quantile of the normal distribution, cut off at four standard deviations."""
@@ -129,6 +150,10 @@ class Uniform:
         """An empty sequence: a distribution has no levels."""
         return ()
 
+    def count(self) -> int:
+        """None."""
+        return 0
+
     def quantile(self, p: float) -> float:
         """The value at this share of the range."""
         return self.low + p * (self.high - self.low)
@@ -149,27 +174,28 @@ def axis_of(path: str, written: Any) -> Axis:
         if not written:
             raise StudyError(f"axis '{path}' is empty: give it at least one value")
         if len({repr(value) for value in written}) < len(written):
-            raise StudyError(f"axis '{path}' has the same value twice: {list(written)}")
+            raise StudyError(f"axis '{path}' has the same value twice: {shortened(list(written))}")
         return Values(tuple(written))
     names = [name for name in kinds if name != "values"]
     if not isinstance(written, dict) or len(written) != 1 or next(iter(written)) not in names:
-        raise StudyError(f"axis '{path}' = {written!r}: write a list, or one of {', '.join(names)} with its numbers")
+        valid = f"write a list, or one of {', '.join(names)} with its numbers"
+        raise StudyError(f"axis '{path}' = {shortened(written)}: {valid}")
     ((name, numbers),) = written.items()
     wanted = [f.name for f in fields(kinds[name]) if f.name != "kind"]
     if not isinstance(numbers, list | tuple) or len(numbers) != len(wanted) or not all(map(_is_number, numbers)):
-        raise StudyError(f"axis '{path}': {name} takes [{', '.join(wanted)}], not {numbers!r}")
+        raise StudyError(f"axis '{path}': {name} takes [{', '.join(wanted)}], not {shortened(numbers)}")
     try:
         return kinds[name](*numbers)
     except StudyError as error:
-        raise StudyError(f"axis '{path}' = {written!r}: {error}") from None
+        raise StudyError(f"axis '{path}' = {shortened(written)}: {error}") from None
 
 
 def extremes(axis: Axis) -> list[Any]:
     """The values to try one at a time: all of a list, the two ends of a range or distribution."""
     if isinstance(axis, Values):
         return list(axis.values)
-    levels = axis.levels()
-    return [levels[0], levels[-1]] if levels else [_tidy(axis.quantile(p)) for p in EXTREME_QUANTILES]
+    ends = (0.0, 1.0) if axis.count() > 1 else (0.0,) if axis.count() else EXTREME_QUANTILES
+    return [_tidy(axis.quantile(p)) for p in ends]
 
 
 def _is_number(value: Any) -> bool:

@@ -56,6 +56,11 @@ def no_study(folder: Path) -> StudyError:
     return StudyError(f"{folder} holds no study: run one with `{again}`")
 
 
+def damaged_store(path: Path) -> StudyError:
+    """The error of a store whose content cannot be what was written."""
+    return StudyError(f"{path} is damaged: move it away, or give another --out")
+
+
 def database_trouble(path: Path, error: Exception) -> StudyError:
     """The sentence for an error of SQLite or of the file system while a study's folder is used."""
     if isinstance(error, OSError):

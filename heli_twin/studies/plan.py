@@ -11,14 +11,19 @@ from controllers.markers import OneOf
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.past import PHYSICS_VERSION
-from heli_twin.experiment.text import load
+from heli_twin.experiment.text import load, presets
 from heli_twin.experiment.tree import canonical_json, experiment_of
-from heli_twin.studies.axes import axis_of
+from heli_twin.studies.axes import Values, axis_of
 from heli_twin.studies.columns import check_metrics
 from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
+from heli_twin.studies.plain import shortened
 from heli_twin.studies.space import Alternative, Space, value_at, varied
 from heli_twin.studies.study import Study
+
+MAX_AXES = 100
+HUGE_COUNT = 10**15
+"""From here on a number of flights is not written out."""
 
 
 class PlannedFlight(NamedTuple):
@@ -54,7 +59,9 @@ class Plan:
     def words(self) -> frozenset[str]:
         """Axes whose values are shown as words, since one at least is no number."""
         return frozenset(
-            path for path, axis in self.space.axes.items() if any(not isinstance(v, int | float) for v in axis.levels())
+            path
+            for path, axis in self.space.axes.items()
+            if isinstance(axis, Values) and any(not isinstance(v, int | float) for v in axis.values)
         )
 
     def runs(self, points: Iterable[Point], first_point: int = 0) -> Iterator[PlannedFlight]:
@@ -91,6 +98,8 @@ def plan_of(study: Study) -> Plan:
         HeliTwinError: One sentence: an unknown path, a value out of bounds, an empty axis, a design that the axes do
             not fit, or far too many runs.
     """
+    if len(study.axes) > MAX_AXES:
+        raise StudyError(f"this study has {len(study.axes):,} axes: at most {MAX_AXES}")
     base = _base(study)
     axes = {path: axis_of(path, written) for path, written in study.axes.items()}
     alternatives, contrast = alternatives_of(study)
@@ -103,17 +112,24 @@ def plan_of(study: Study) -> Plan:
     runs = plan.count()
     if runs > study.max_runs:
         raise StudyError(
-            f"this study is {runs:,} flights, more than max_runs = {study.max_runs:,}: take fewer values or "
+            f"this study is {_told(runs)} flights, more than max_runs = {study.max_runs:,}: take fewer values or "
             "replicates, or raise max_runs"
         )
     _check_levels(plan.space)
     return plan
 
 
+def _told(runs: int) -> str:
+    return f"{runs:,}" if runs < HUGE_COUNT else "more than 10^15"
+
+
 def _base(study: Study) -> str:
     """The base experiment, with the study's changes."""
     changes = dict(study.base)
-    start = canonical_json(load(changes.pop("preset", None)))
+    preset = changes.pop("preset", None)
+    if preset is not None and not isinstance(preset, str):
+        raise StudyError(f"base.preset = {shortened(preset)} names no preset. Available: {', '.join(presets())}")
+    start = canonical_json(load(preset))
     return canonical_json(experiment_of(varied(start, changes)))
 
 
@@ -128,7 +144,8 @@ def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
     if study.alternatives:
         for name, changes in study.alternatives.items():
             if not isinstance(changes, dict):
-                raise StudyError(f"alternatives.{name} = {changes!r}: write the changes it stands for as a table")
+                text = shortened(changes)
+                raise StudyError(f"alternatives.{name} = {text}: write the changes it stands for as a table")
         return tuple(Alternative(name, dict(changes)) for name, changes in study.alternatives.items()), ""
     families = {name for name, part in fields_of(Experiment).items() if isinstance(part.family, OneOf)}
     for path, written in study.axes.items():
@@ -145,7 +162,8 @@ def _check_levels(space: Space) -> None:
     for alternative in space.alternatives:
         experiment_of(varied(space.base, alternative.changes))
         for path, axis in space.axes.items():
-            for value in axis.levels() or [axis.quantile(0.0), axis.quantile(0.999)]:
+            # Between two numbers that a field accepts it accepts all.
+            for value in axis.values if isinstance(axis, Values) else (axis.quantile(0.0), axis.quantile(0.999)):
                 experiment_of(varied(space.base, alternative.changes | {path: value}))
 
 

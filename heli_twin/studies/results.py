@@ -4,6 +4,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from heli_twin.studies.database import damaged_store
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.store import Store
 from heli_twin.whole_file import whole_file
@@ -26,10 +27,13 @@ def _write_rows(store: Store, where: Path | BytesIO) -> None:
     import pyarrow.parquet as pq
 
     kinds = {"INTEGER": pa.int64(), "REAL": pa.float64(), "TEXT": pa.string()}
-    schema = pa.schema([(name, kinds[kind]) for name, kind in store.columns().items()])
+    schema = pa.schema([(name, kinds.get(kind, pa.string())) for name, kind in store.columns().items()])
     with pq.ParquetWriter(where, schema, compression="zstd") as writer:
         for block in store.blocks(ROWS_PER_GROUP):
-            columns = [pa.array(column, f.type) for column, f in zip(zip(*block, strict=True), schema, strict=True)]
+            try:
+                columns = [pa.array(column, f.type) for column, f in zip(zip(*block, strict=True), schema, strict=True)]
+            except pa.ArrowException:
+                raise damaged_store(store.path) from None
             writer.write_table(pa.Table.from_arrays(columns, schema=schema), row_group_size=ROWS_PER_GROUP)
 
 

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from heli_twin.studies.database import CANNOT_WRITE, Transaction, database_trouble, lock_folder, no_study, open_database
+from heli_twin.studies.database import CANNOT_WRITE, Transaction, damaged_store, database_trouble, lock_folder, no_study, open_database
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import PlannedFlight
 from heli_twin.studies.wide_table import WideTable, listed
@@ -135,7 +135,7 @@ class Store:
     def parts_of(self, code: str | None) -> dict[str, str]:
         """Return the hashes that a code hash stands for; empty for code that left none."""
         row = self._db.execute("SELECT parts FROM codes WHERE code = ?", (code,)).fetchone()
-        return json.loads(row[0]) if row else {}
+        return self._parsed(row[0]) if row else {}
 
     def flown_by_other(self, code: str) -> dict[str, str | None]:
         """The code hashes of all stored flights that other code flew, by id; None where it left no hash."""
@@ -165,7 +165,7 @@ class Store:
         Raises:
             StudyError: There are none yet.
         """
-        about = {key: json.loads(value) for key, value in self._db.execute("SELECT key, value FROM about")}
+        about = {key: self._parsed(value) for key, value in self._db.execute("SELECT key, value FROM about")}
         if not {"study", "base"} <= about.keys():
             raise no_study(self.path.parent)
         return about
@@ -200,12 +200,15 @@ class Store:
         join = "runs JOIN settings USING (setting)"
         query = f"SELECT id, changes, seed FROM {join} WHERE id >= ? AND id < ? ORDER BY id LIMIT 1"
         run = self._db.execute(query, (start, start + "~")).fetchone()
-        return (run[0], json.loads(run[1]) | {"seed": run[2]}) if run else None
+        return (run[0], self._parsed(run[1]) | {"seed": run[2]}) if run else None
 
     def row(self, run_id: str) -> dict[str, Any]:
         """The row of one flown run."""
         (n,) = self._db.execute("SELECT min(n) FROM runs WHERE id = ?", (run_id,)).fetchone()
-        return next(self.rows(n, n))
+        row = next(self.rows(n, n), None) if n is not None else None
+        if row is None:
+            raise damaged_store(self.path)
+        return row
 
     def columns(self) -> dict[str, str]:
         """The columns of a row and their SQL types: where in the study, and then the flight."""
@@ -235,6 +238,12 @@ class Store:
         cursor = self._db.execute(query, (first, last))
         while block := cursor.fetchmany(size):
             yield block
+
+    def _parsed(self, text: Any) -> Any:
+        try:
+            return json.loads(text)
+        except (TypeError, ValueError):
+            raise damaged_store(self.path) from None
 
     def close(self) -> None:
         """Close the database and release the lock."""

@@ -11,10 +11,12 @@ from annotated_types import Ge, Gt, Le, MinLen, doc
 
 from controllers.markers import OneOf
 from heli_twin.experiment.families import members
+from heli_twin.experiment.text import assignment
 from heli_twin.experiment.tree import ExperimentError, Tree, instead, spec_of
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
+from heli_twin.studies.plain import MAX_NAME_LENGTH, check_plain, shortened
 from heli_twin.tuning.record import uncommented
 
 
@@ -92,9 +94,10 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
     known = shipped()
     path = known.get(source, Path(source))
     if source not in known and path.suffix != ".toml":
-        raise StudyError(f"unknown study {instead(source, known)}; a file of your own ends in .toml")
+        raise StudyError(f"unknown study {instead(shortened(source), known)}; a file of your own ends in .toml")
     tree = _parsed(path, _text(path))
     tree.setdefault("name", path.stem)
+    check_plain(tree)
     _read_parts(tree)
     for text in overrides:
         _override(tree, text)
@@ -105,9 +108,12 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
 def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise StudyError(f"cannot read {path}: {reason}") from None
+    except OSError as error:
+        raise StudyError(f"cannot read {shortened(str(path))}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise StudyError(f"cannot read {shortened(str(path))}: it is not UTF-8 text") from None
+    except ValueError:
+        raise StudyError(f"cannot read {shortened(str(path))}: it is no file name") from None
 
 
 def _parsed(path: Path, text: str) -> Tree:
@@ -115,6 +121,10 @@ def _parsed(path: Path, text: str) -> Tree:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise StudyError(f"{path} is not valid TOML: {error}") from None
+    except ValueError:
+        raise StudyError(f"{path} is not valid TOML: it holds a whole number with too many digits") from None
+    except RecursionError:
+        raise StudyError(f"{path} is not valid TOML: its brackets are nested too deeply") from None
 
 
 def _read_parts(tree: Tree) -> None:
@@ -124,7 +134,8 @@ def _read_parts(tree: Tree) -> None:
     for changes in [place for place in places if isinstance(place, dict)]:
         for part, path in _files(changes).items():
             changes[part], records = _part(path, part)
-            tree["tuning"] = [*tree.get("tuning", ()), *records]
+            if isinstance(tree.setdefault("tuning", []), list):
+                tree["tuning"] = [*tree["tuning"], *records]
 
 
 def _files(changes: Tree) -> dict[str, Path]:
@@ -150,6 +161,7 @@ def study_of(tree: Tree) -> Study:
     Raises:
         ExperimentError: Names the field, its value and what it may be.
     """
+    check_plain(tree)
     tree = dict(tree)
     design = tree.get("design")
     if isinstance(design, str):
@@ -159,6 +171,8 @@ def study_of(tree: Tree) -> Study:
     study = spec_of(Study, tree)
     if any(not isinstance(record.get("controller"), dict) for record in study.tuning):
         raise StudyError("a record of [[tuning]] needs `controller`: the table that the tuning found")
+    if len(study.name) > MAX_NAME_LENGTH:
+        raise StudyError(f"name has {len(study.name)} characters, and it names a folder: at most {MAX_NAME_LENGTH}")
     if set(study.name) & set('/\\:*?"<>|\0') or study.name in (".", ".."):
         raise StudyError(f"name = '{study.name}': it names a folder, so write letters, digits, - and _")
     return study
@@ -171,18 +185,13 @@ def study_tree(study: Study) -> Tree:
 
 def _override(tree: Tree, text: str) -> None:
     """Change a study's tables as `field=value` says."""
-    path, equals, written = text.partition("=")
-    if not equals or not path.strip():
-        raise StudyError(f"'{text}' is not an override: write field=value, such as replicates=5 or duration=10")
-    try:
-        value = tomllib.loads(f"v = {written}")["v"]
-    except tomllib.TOMLDecodeError:
-        value = written.strip()
-    first, *rest = path.strip().split(".")
+    path, value = assignment(text, "field=value, such as replicates=5 or duration=10")
+    check_plain({"it": value})
+    first, *rest = path.split(".")
     if first not in {f.name for f in fields(Study)}:
         first, rest = "base", [first, *rest]
-    if first in ("axes", "alternatives") and rest:
-        tree.setdefault(first, {})[".".join(rest)] = value
+    if first in ("axes", "alternatives") and rest and isinstance(tree.setdefault(first, {}), dict):
+        tree[first][".".join(rest)] = value
     else:
         _set(tree, [first, *rest], value)
 

@@ -10,6 +10,7 @@ from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import varied
 from heli_twin.studies.store import Store
+from heli_twin.studies.study import study_of
 
 
 class WorstRun(NamedTuple):
@@ -25,13 +26,14 @@ class WorstRun(NamedTuple):
 def worst_runs(folder: Path, number: int = 10) -> list[WorstRun]:
     """The runs that failed, in the study's order, and then those that completed with the worst score."""
     with Store(folder) as store:
-        study = store.about()["study"]
+        study = study_of(store.about()["study"])
         ids = [*store.failed(number), *(run_id for run_id, _ in store.worst(number))][:number]
         rows = {run_id: store.row(run_id) for run_id in ids}
     worst: list[WorstRun] = []
     for run_id, row in rows.items():
-        place = ", ".join(f"{key} {row[key]}" for key in ("alternative", *study["axes"], "rung", "seed") if key in row)
-        what = row["outcome_text"] if row["outcome"] != COMPLETED else f"{study['score']} {row.get(study['score']):.4g}"
+        place = ", ".join(f"{key} {row[key]}" for key in ("alternative", *study.axes, "rung", "seed") if key in row)
+        score = f"{study.score} {row.get(study.score, float('nan')):.4g}"
+        what = score if row["outcome"] == COMPLETED else row.get("outcome_text", "")
         worst.append(WorstRun(run_id, f"{what} ({place})", command_of(folder, run_id)))
     return worst
 

@@ -20,7 +20,7 @@ class Grid:
     def check(self, space: Space) -> None:
         """Refuse distributions, which have no values to combine."""
         for path, axis in space.axes.items():
-            if not axis.levels():
+            if not axis.count():
                 raise StudyError(
                     f"axis '{path}' is a distribution, of which a grid cannot take every value: write a linspace, "
                     "or take design.kind = 'latin_hypercube' or 'sobol'"
@@ -28,7 +28,7 @@ class Grid:
 
     def count(self, space: Space) -> int:
         """The product of the axes' lengths."""
-        return space.runs(prod(len(axis.levels()) for axis in space.axes.values()))
+        return space.runs(prod(axis.count() for axis in space.axes.values()))
 
     def batches(self, space: Space) -> Batches:
         """Yield one batch; the last axis changes fastest."""
