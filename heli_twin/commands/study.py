@@ -199,7 +199,8 @@ def folder_of(name: str) -> Path:
 
 def status(parsed: Namespace) -> int:
     """Print how far a study is."""
-    from heli_twin.studies.store import Store, mixed_codes
+    from heli_twin.studies.flight_code import mixed_codes
+    from heli_twin.studies.store import Store
 
     folder = folder_of(parsed.study)
     with Store(folder) as store:
@@ -224,8 +225,11 @@ def report(parsed: Namespace) -> int:
 
 def worst(parsed: Namespace) -> int:
     """Print the worst runs: those that failed, then those with the worst score."""
+    from heli_twin.studies.errors import StudyError
     from heli_twin.studies.worst import worst_runs
 
+    if parsed.n < 1:
+        raise StudyError(f"-n {parsed.n}: give 1 or more")
     folder = folder_of(parsed.study)
     for run in worst_runs(folder, parsed.n):
         say(f"{run.id}  {run.what}")

@@ -55,6 +55,14 @@ def changes_of(before: Mapping[str, str], after: Mapping[str, str]) -> str:
     return ", ".join(told) + (f" and {more} more" if more else "")
 
 
+def mixed_codes(codes: Mapping[str, int]) -> str:
+    """Say how many flights each code flew."""
+    return ", ".join(
+        f"{number} by {code or 'code without a hash'}"
+        for code, number in sorted(codes.items(), key=lambda item: -item[1])
+    )
+
+
 def _files() -> Iterator[tuple[str, bytes]]:
     """The files of a flight, by names that do not depend on where they are installed."""
     homes = {package.__name__: Path(str(package.__file__)).parent for package in (controllers, heli_twin)}

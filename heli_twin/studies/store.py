@@ -9,7 +9,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from heli_twin.studies.database import CANNOT_WRITE, Transaction, damaged_store, database_trouble, lock_folder, no_study, open_database
+from heli_twin.studies.database import (
+    CANNOT_WRITE,
+    Transaction,
+    damaged_store,
+    database_trouble,
+    lock_folder,
+    no_study,
+    open_database,
+)
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import PlannedFlight
 from heli_twin.studies.wide_table import WideTable, listed
@@ -27,11 +35,6 @@ FORMAT_VERSION = 1
 ROWS_PER_READ = 1000
 INTERNAL_COLUMNS = ("n", "setting", "score_", "trouble_")
 """Columns that only this module uses."""
-
-
-def mixed_codes(codes: Counter[str]) -> str:
-    """Say how many flights each code flew."""
-    return ", ".join(f"{number} by {code or 'code without a hash'}" for code, number in codes.most_common())
 
 
 class Store:

@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 
 from heli_twin.reporting.figure import Table
+from heli_twin.studies.flight_code import mixed_codes
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.store import Store, mixed_codes
+from heli_twin.studies.store import Store
 from heli_twin.studies.worst import worst_runs
 
 
