@@ -56,11 +56,9 @@ def changes_of(before: Mapping[str, str], after: Mapping[str, str]) -> str:
 
 
 def mixed_codes(codes: Mapping[str, int]) -> str:
-    """Say how many flights each code flew."""
-    return ", ".join(
-        f"{number} by {code or 'code without a hash'}"
-        for code, number in sorted(codes.items(), key=lambda item: -item[1])
-    )
+    """Say how many flights each code flew, the most first."""
+    by_number = sorted(codes.items(), key=lambda item: -item[1])
+    return ", ".join(f"{number} by {code or 'code without a hash'}" for code, number in by_number)
 
 
 def _files() -> Iterator[tuple[str, bytes]]:
