@@ -4,6 +4,7 @@ Each Dask worker flies its runs in processes of its own, so that a run that dies
 one machine; when a whole worker is lost, Dask flies its runs on another.
 """
 
+import json
 import multiprocessing
 from concurrent.futures import Future
 from pathlib import Path
@@ -11,7 +12,7 @@ from time import sleep
 from typing import Any
 from uuid import uuid4
 
-from distributed import Client, WorkerPlugin, get_worker
+from distributed import Client, Security, WorkerPlugin, get_worker
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.workers.engine import Trouble, Work
@@ -29,18 +30,22 @@ PREPARE_PAUSE_S = 1.0
 class DaskCluster:
     """A running cluster.
 
+    A Dask scheduler and its workers run whatever they are sent. With `tls://` they listen to holders of a certificate
+    only, and the certificates are those of Dask's configuration, `distributed.comm.tls`.
+
     Args:
-        address: Of its scheduler, such as `tcp://head:8786`, or the path of a scheduler file.
+        address: Of its scheduler, such as `tcp://head:8786` or `tls://head:8786`, or the path of a scheduler file.
         timeout: A run that takes longer is ended, s.
 
     Raises:
-        HeliTwinError: No scheduler answers, or its workers cannot be prepared.
+        HeliTwinError: No scheduler answers, certificates are missing, or its workers cannot be prepared.
     """
 
     def __init__(self, address: str, timeout: float = 300.0) -> None:
-        where: dict[str, Any] = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+        address = _read_address(Path(address)) if Path(address).is_file() else address
+        _check_encryption(address)
         try:
-            self._client: Any = Client(**where, timeout=CONNECT_TIMEOUT, set_as_default=False)
+            self._client: Any = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise HeliTwinError(
                 f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
@@ -81,6 +86,32 @@ class DaskCluster:
         self._executor.shutdown(wait=False)
         self._client.unregister_worker_plugin(self._name)
         self._client.close()
+
+
+def _read_address(scheduler_file: Path) -> str:
+    try:
+        return str(json.loads(scheduler_file.read_text())["address"])
+    except (OSError, ValueError, KeyError, TypeError):
+        raise HeliTwinError(f"{scheduler_file} is no scheduler file of Dask: give one, or an address") from None
+
+
+def _check_encryption(address: str) -> None:
+    """Refuse what a Dask client would only find out by hanging."""
+    try:
+        security: Any = Security()
+        has_certificates = security.get_connection_args("client")["ssl_context"] is not None
+    except (OSError, TypeError, ValueError) as error:
+        raise HeliTwinError(
+            f"the certificates in Dask's configuration, distributed.comm.tls, cannot be used: {error}"
+        ) from None
+    is_tls = address.startswith("tls://")
+    if is_tls and not has_certificates:
+        raise HeliTwinError(
+            f"{address} needs certificates: set ca-file, client.cert and client.key in Dask's configuration under"
+            " distributed.comm.tls"
+        )
+    if security.require_encryption and not is_tls:
+        raise HeliTwinError(f"Dask's configuration requires encryption, and {address} has none: use tls://HOST:PORT")
 
 
 class WorkerProcesses(WorkerPlugin):
