@@ -34,6 +34,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="estimator.path=value",
         help="changes of the estimator, or of controller.model, which it believes in",
     )
+    parser.add_argument("--yes", action="store_true", help="do it even if it takes longer than ten minutes")
 
 
 def run(parsed: Namespace) -> int:
@@ -41,9 +42,12 @@ def run(parsed: Namespace) -> int:
     import numpy as np
 
     from heli_twin.logbook import flown_experiment, opened
+    from heli_twin.reanalysis.effort import ESTIMATOR_STEP_S, require_agreement
     from heli_twin.reanalysis.reestimate import ESTIMATE_TOLERANCE, largest_difference, reestimate, same_bits
 
     log = opened(parsed.log)
+    steps = max(len(log.estimate.time), len(log.sent.time), len(log.pose.time))
+    require_agreement(ESTIMATOR_STEP_S * steps, "running the estimator again", parsed.yes)
     again = reestimate(log, parsed.overrides)
     count, changed = len(again.estimates.time), again.experiment != flown_experiment(log)
     difference = largest_difference(again.estimates, log.estimate)

@@ -35,6 +35,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "--log-dir", type=Path, metavar="DIR", help="where the new log goes (default logs/; none without changes)"
     )
     where.add_argument("--no-log", action="store_true", help="keep no log")
+    parser.add_argument("--yes", action="store_true", help="do it even if it takes longer than ten minutes")
 
 
 def run(parsed: Namespace) -> int:
@@ -43,16 +44,19 @@ def run(parsed: Namespace) -> int:
 
     from heli_twin.experiment.text import changed
     from heli_twin.logbook import flown_experiment, opened, physics_notice
+    from heli_twin.reanalysis.effort import flight_effort, require_agreement
     from heli_twin.reanalysis.refly import refly
 
     log = opened(parsed.log)
     flown = flown_experiment(log)
     if notice := physics_notice(log):
         print(notice)
-    differs = changed(flown, parsed.overrides) != flown
+    experiment = changed(flown, parsed.overrides)
+    require_agreement(flight_effort(experiment), "flying this log again", parsed.yes)
+    differs = experiment != flown
     log_dir = None if parsed.no_log else parsed.log_dir or (Path("logs") if differs else None)
     with progress_bar() as bar:
-        task = bar.add_task("flying, s", total=flown.duration)
+        task = bar.add_task("flying, s", total=experiment.duration)
         again = refly(log, parsed.overrides, log_dir=log_dir, progress=lambda t: bar.update(task, completed=t))
     if differs:
         with np.errstate(all="ignore"):

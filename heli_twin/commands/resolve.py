@@ -28,11 +28,16 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     )
     parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log with estimates")
     parser.add_argument(
-        "overrides", nargs="*", default=[], metavar="controller.path=value", help="changes of the controller"
+        "overrides",
+        nargs="*",
+        default=[],
+        metavar="controller.path=value",
+        help="changes of the controller; trajectory=... for a log without a reference",
     )
     parser.add_argument(
         "--log-dir", type=Path, metavar="DIR", help="where the new log goes (default beside RUN.mcap; needs changes)"
     )
+    parser.add_argument("--yes", action="store_true", help="do it even if it takes longer than ten minutes")
 
 
 def run(parsed: Namespace) -> int:
@@ -40,10 +45,13 @@ def run(parsed: Namespace) -> int:
     import numpy as np
 
     from heli_twin.logbook import ORIGIN, flown_experiment, opened
-    from heli_twin.reanalysis.resolve import INPUT_TOLERANCE, resolve, write
+    from heli_twin.reanalysis.effort import control_effort, require_agreement
+    from heli_twin.reanalysis.resolve import INPUT_TOLERANCE, resolve, resolved_experiment, write
     from heli_twin.whole_file import free_path
 
     log = opened(parsed.log)
+    experiment = resolved_experiment(log, parsed.overrides)
+    require_agreement(control_effort(experiment, len(log.estimate.time)), "solving these problems again", parsed.yes)
     resolution = resolve(log, parsed.overrides)
     # What sent the inputs of a real flight is not known.
     differs = resolution.experiment != flown_experiment(log) or log.metadata.get(ORIGIN) == "import"

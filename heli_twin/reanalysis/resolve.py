@@ -63,15 +63,14 @@ def resolve(log: Log, overrides: Sequence[str] = ()) -> Resolution:
     Args:
         log: Any log with estimates; its controller need not have been an MPC.
         overrides: Changes of the controller, `controller.path=value` each. A controller of another kind gets the model
-            and the period of the one that flew, unless they are changed too.
+            and the period of the one that flew, unless they are changed too. For a log without a reference they also
+            say what was to be flown, `trajectory=...`.
 
     Raises:
-        HeliTwinError: The log has no estimates, or an override does not belong to the controller.
+        HeliTwinError: The log has no estimates or no reference, or an override does not belong to the controller.
     """
+    experiment = resolved_experiment(log, overrides)
     flown = flown_experiment(log)
-    experiment = _with_controller(flown, overrides)
-    if not len(log.estimate.time):
-        raise HeliTwinError("the log has no estimates: there is no control problem to solve again")
     if experiment.controller.period != flown.controller.period:
         raise HeliTwinError(
             f"controller.period = {experiment.controller.period} s: the estimates were logged every"
@@ -84,17 +83,31 @@ def resolve(log: Log, overrides: Sequence[str] = ()) -> Resolution:
     return Resolution(experiment, tuple(overrides), log.estimate.time, flown_u, commands)
 
 
-def _with_controller(flown: Experiment, overrides: Sequence[str]) -> Experiment:
-    """The experiment with another controller, which believes in the model of the one that flew."""
+def resolved_experiment(log: Log, overrides: Sequence[str] = ()) -> Experiment:
+    """The experiment of a log with another controller, which believes in the model of the one that flew.
+
+    Args:
+        log: Any log.
+        overrides: As for `resolve`.
+
+    Raises:
+        HeliTwinError: The log has no estimates or no reference, or an override does not belong to the controller.
+    """
+    flown = flown_experiment(log)
+    if not len(log.estimate.time):
+        raise HeliTwinError("the log has no estimates: there is no control problem to solve again")
+    changeable = ("controller",) if len(log.reference.time) else ("controller", "trajectory")
     word = next((text for text in overrides if "=" not in text), None)
     if word is not None:
         raise HeliTwinError(f"'{word}' is no change: write path=value, such as controller.horizon=12")
     paths = [text.partition("=")[0].strip() for text in overrides]
-    other = next((path for path in paths if path.split(".")[0] != "controller"), None)
+    other = next((path for path in paths if path.split(".")[0] not in changeable), None)
     if other is not None:
         raise HeliTwinError(
             f"{other} is not the controller's: change controller.* here, or fly with any change: `heli-twin refly`"
         )
+    if "trajectory" in changeable and not any(path.split(".")[0] == "trajectory" for path in paths):
+        raise HeliTwinError("the log has no reference: say what was to be flown, such as trajectory=circle")
     of_kind = [text for text, path in zip(overrides, paths, strict=True) if path in ("controller", "controller.kind")]
     kind = changed(flown, of_kind)
     if type(kind.controller) is not type(flown.controller):

@@ -84,7 +84,12 @@ def test_an_estimator_run_again_on_an_import_says_the_same(tmp_path: Path) -> No
 def test_a_controller_can_shadow_an_import(tmp_path: Path) -> None:
     slow = [f"{0.01 * i:.3f},{0.001 * i:.4f},0,1,0" for i in range(100)]
     log = _imported(tmp_path, HEAD, *slow)
-    assert len(resolve(log).commands) == len(log.estimate.time)
+    assert len(resolve(log, ["trajectory=hover"]).commands) == len(log.estimate.time)
+
+
+def test_a_controller_cannot_be_judged_against_a_flight_that_nobody_named(tmp_path: Path) -> None:
+    with pytest.raises(HeliTwinError, match="no reference: say what was to be flown, such as trajectory="):
+        resolve(_imported(tmp_path, HEAD, *ROWS), ["controller.horizon=12"])
 
 
 def test_a_trajectory_that_is_given_is_the_reference(tmp_path: Path) -> None:
