@@ -76,6 +76,14 @@ def test_noise_has_died_out_and_a_limited_motion_has_grown():
     assert ringing(rung(-0.02, 1.7, u=1.0), "z", 1.0, PID).growth > 0.0
 
 
+@pytest.mark.parametrize(("share", "growing"), [(0.19, False), (0.21, True)])
+def test_a_fifth_of_the_commands_at_a_limit_is_a_motion_that_has_grown(share, growing):
+    log = rung(-0.02, 1.7)
+    u = log.sent.u[-(len(log.sent.u) // 2) :]
+    u[: round(share * len(u)), 2] = 1.0
+    assert (ringing(log, "z", 0.0, PID).growth > 0.0) is growing
+
+
 def test_the_ultimate_gain_of_a_known_plant_is_the_one_of_theory():
     delay = 0.06
     base = load("ideal", ["controller=pid", f"mocap.latency={delay}", "estimator.roll_forward=false"])
@@ -117,6 +125,38 @@ def test_shares_are_the_cost_of_26():
     # In hover, turning the error to the heading changes its split only; the weights of x and y are equal.
     assert sum(found.values()) == pytest.approx(whole, rel=1e-6)
     assert set(found) == set(AXES)
+
+
+def wires(yaw, yaw_ref, position=(0.0, 0.0, 0.0), velocity_ref=(0.0, 0.0, 0.0), du=(0.0, 0.0, 0.0, 0.0)):
+    """One control step of a flight at rest as a log: the truth, a reference at the origin and the command."""
+    stamp, still = np.array([0]), np.zeros((1, 3))
+    truth = SimpleNamespace(
+        stamp=stamp, position=np.array([position]), yaw=np.array([yaw]), velocity=still, yaw_rate=np.zeros(1)
+    )
+    x_ref = np.array([[0.0, 0.0, 0.0, yaw_ref, *velocity_ref, 0.0]])
+    reference = SimpleNamespace(stamp=stamp, x=x_ref, u=np.array([MODEL.u_hover]))
+    sent = SimpleNamespace(stamp=stamp, u=np.array([MODEL.u_hover]) + du)
+    return SimpleNamespace(truth=truth, reference=reference, sent=sent)
+
+
+@pytest.mark.parametrize(
+    ("flight", "axis", "cost"),
+    [
+        # The nose points west: a metre north is a metre to starboard.
+        (wires(pi / 2, pi / 2, position=(0.1, 0.0, 0.0)), "y", LtvMpc().Q[1] * 0.01),
+        (wires(pi / 2, pi / 2, position=(0.0, 0.1, 0.0)), "x", LtvMpc().Q[0] * 0.01),
+        (wires(0.3, 0.3, position=(0.0, 0.0, -0.1)), "z", LtvMpc().Q[2] * 0.01),
+        # 0.2 rad across the seam of angles.
+        (wires(pi - 0.1, 0.1 - pi), "yaw", LtvMpc().Q[3] * 0.04),
+        # It should fly ahead, along its own nose, and stands.
+        (wires(2.0, 2.0, velocity_ref=(0.5, 0.0, 0.0)), "x", LtvMpc().Q[4] * 0.25),
+        # Ahead of a reference that points the other way is backwards for it, and its yaw is half a turn off.
+        (wires(0.0, pi / 2, velocity_ref=(0.0, 0.5, 0.0)), "x", LtvMpc().Q[4] * 0.25),
+        (wires(0.0, 0.0, du=(0.0, 0.0, 0.1, 0.0)), "z", LtvMpc().R[2] * 0.01),
+    ],
+)
+def test_each_error_costs_its_weight_on_its_axis(flight, axis, cost):
+    assert shares(flight)[axis] == pytest.approx(cost)
 
 
 def bowl(best, experiment):

@@ -24,10 +24,11 @@ OTHER = Model(b_x=3.1, k_x=-0.2, b_y=1.4, k_y=-0.9, b_z=14.0, b_yaw=60.0, k_yaw=
 NAMES = ("b_x", "k_x", "b_y", "k_y", "b_z", "b_yaw", "k_yaw")
 
 
-def flown(*axes, model=MODEL, seconds=30.0, late=0, heading=0.0, turn=0.0, push=(0.1, -0.05, 0.2, 0.5)):
+def flown(*axes, model=MODEL, seconds=30.0, late=0, lag=0.0, heading=0.0, turn=0.0, push=(0.1, -0.05, 0.2, 0.5)):
     """An open-loop flight of the model itself as a log: poses every 10 ms, commands every 20 ms, nothing else.
 
-    The inputs of `axes` are pulsed about hover; `late` is in samples of 10 ms, `turn` a constant yaw input.
+    The inputs of `axes` are pulsed about hover; `late` is in samples of 10 ms, `lag` in s, `turn` a constant
+    yaw input.
     """
     t = 0.01 * np.arange(round(seconds / 0.01))
     u = np.array(model.u_hover) + np.zeros((len(t), 1)) + [0.0, 0.0, 0.0, turn]
@@ -35,11 +36,14 @@ def flown(*axes, model=MODEL, seconds=30.0, late=0, heading=0.0, turn=0.0, push=
         pulses = np.sign(np.sin(2 * np.pi * t / period) * np.cos(2 * np.pi * t / period / 3.7))
         u[:, axis] += size * pulses if axis in axes else 0.0
     u[1::2] = u[0::2][: len(u[1::2])]
+    acting = u.copy()
+    for i in range(1, len(t) if lag else 0):
+        acting[i] = u[i - 1] + (acting[i - 1] - u[i - 1]) * np.exp(-0.01 / lag)
     # Far from the floor: nothing holds it up here.
     x, poses = (0.0, 0.0, 1e4, heading, 0.0, 0.0, 0.0, 0.0), []
     for i in range(len(t)):
         poses.append(x[:4])
-        x = advance(model, x, tuple(u[max(i - late, 0)].tolist()), 0.01, push)
+        x = advance(model, x, tuple(acting[max(i - late, 0)].tolist()), 0.01, push)
     return as_log(t, np.array(poses), u)
 
 
@@ -82,6 +86,22 @@ def test_a_delay_is_found_and_biases_nothing(late):
     for fit in result.fits.values():
         # A tenth of the spacing of the poses.
         assert fit.delay.value == pytest.approx(0.01 * late, abs=0.001)
+
+
+def test_a_lag_is_part_of_the_delay_and_biases_nothing():
+    result = found(*pair(late=2, lag=0.06))
+    assert max(map(abs, misses(result).values())) < 0.005
+    for fit in result.fits.values():
+        # The lagged input is held for 10 ms in the simulation: half of that is more delay.
+        assert fit.lag == pytest.approx(0.06, abs=0.003)
+        assert fit.delay.value == pytest.approx(0.02 + 0.06 + 0.005, abs=0.003)
+
+
+def test_a_flight_without_noise_has_the_intervals_of_what_the_model_leaves_out():
+    for name, p in found(*pair()).parameters.items():
+        # 1 % of the value, and what the sampling of poses leaves.
+        assert 0.5 * (p.high - p.low) == pytest.approx(0.01 * abs(p.value), rel=0.3), name
+        assert 0.5 * (p.high + p.low) == pytest.approx(p.value)
 
 
 def test_swapped_markers_and_lost_and_broken_frames_do_no_harm():

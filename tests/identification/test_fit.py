@@ -1,0 +1,115 @@
+"""The numbers of the identification have known values: thresholds, intervals, shares."""
+
+import numpy as np
+import pytest
+
+from heli_twin.identification.data import ROW_S, Equation, Stretch
+from heli_twin.identification.fit import (
+    MEMORY_S,
+    AxisFit,
+    IdentificationError,
+    Parameter,
+    _directions,
+    check_answer,
+    excited,
+    half_widths,
+)
+from heli_twin.identification.identify import Identified
+
+ACCEL = (np.array([1.0, -1.0]),)
+
+
+def fit(b=(1.0, 0.1), k=(-1.0, 0.1), accel=ACCEL, residual=ACCEL):
+    """A fit whose parameters are a value and a half-width."""
+    b, k = (Parameter(value, value - width, value + width) for value, width in (b, k))
+    return AxisFit(b, k, Parameter(0.1, 0.09, 0.11), 0.0, (), accel, residual)
+
+
+@pytest.mark.parametrize(("swing", "directions"), [(0.0, 1), (0.09, 1), (0.11, 2), (0.8, 2)])
+def test_a_push_has_two_directions_where_the_yaw_swings_by_a_tenth(swing, directions):
+    # Yaw +- swing: the singular values are as 1 to its tangent, and the limit is 0.1.
+    yaw = swing * (-1.0) ** np.arange(100)
+    assert _directions(np.column_stack([np.cos(yaw), np.sin(yaw)])).shape == (100, directions)
+
+
+def test_directions_span_the_push_and_keep_its_size():
+    yaw = np.linspace(0.0, 3.0, 50)
+    push = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    found = _directions(push)
+    # A basis of the same plane, each vector as long as the largest singular value.
+    np.testing.assert_allclose(found @ np.linalg.lstsq(found, push, rcond=None)[0], push, atol=1e-12)
+    largest = np.linalg.svd(push, compute_uv=False)[0]
+    np.testing.assert_allclose(np.linalg.norm(found, axis=0), largest)
+
+
+def test_a_half_width_is_newey_and_wests():
+    n, lags = 3000, round(MEMORY_S / ROW_S)
+    assert lags == 30
+    # With residuals and regressor of 1 each product is 1, so that the sums are counts of pairs.
+    variance = n + 2.0 * sum((1 - lag / 31) * (n - lag) for lag in range(1, 31))
+    share = 0.01
+    critical = 1.96 + 2.9694 * share + 0.416 * share**2 - 0.5324 * share**3
+    expected = critical * np.sqrt(variance) / n * np.sqrt(n / (n - 1))
+    assert half_widths(np.ones((n, 1)), np.ones(n), np.array([n]))[0] == pytest.approx(expected, rel=1e-12)
+    # 31 rows count as one, but for those at the ends.
+    assert expected == pytest.approx(1.9897 * np.sqrt(31 / n), rel=0.005)
+
+
+def test_independent_residuals_have_the_textbook_interval():
+    rng = np.random.default_rng(0)
+    residual = rng.standard_normal(200_000)
+    width = half_widths(np.ones((len(residual), 1)), residual, np.array([len(residual)]))[0]
+    # 1.96 deviations of a mean; the sums over 30 lags scatter by some percent.
+    assert width == pytest.approx(1.96 / np.sqrt(len(residual)), rel=0.1)
+
+
+def test_explained_share_and_rms_of_residuals():
+    accel = (np.array([3.0, 1.0]), np.array([1.0, 3.0, 1.0]))
+    residual = (np.array([0.5, -0.5]), np.array([-0.5, 0.5, 0.5]))
+    found = fit(accel=accel, residual=residual)
+    # Within the stretches: 1 + 1 and 8/9 + 2 * 4/9 * ... = 2 + 8/3; five squares of 0.5.
+    assert found.explained == pytest.approx(1 - 1.25 / (2 + 8 / 3))
+    assert found.residual_rms == 0.5
+
+
+@pytest.mark.parametrize(
+    ("b", "k", "name"),
+    [
+        ((1.0, 0.19), (-1.0, 0.19), ""),
+        ((1.0, 0.21), (-1.0, 0.1), "b_x"),
+        ((1.0, 0.1), (-1.0, 0.21), "k_x"),
+        # A damping near 0 is judged by a fifth of 0.5 1/s.
+        ((1.0, 0.1), (-0.1, 0.09), ""),
+        ((1.0, 0.1), (0.1, 0.11), "k_x"),
+        ((-1.0, 0.1), (-1.0, 0.1), "x accelerates against"),
+    ],
+)
+def test_an_uncertain_answer_is_refused_from_a_fifth_of_its_value(b, k, name):
+    if not name:
+        check_answer("x", fit(b, k))
+        return
+    with pytest.raises(IdentificationError, match=name):
+        check_answer("x", fit(b, k))
+
+
+def piece(size, own=1.0):
+    """A stretch whose input has this standard deviation, of which the speed leaves a share of the variance."""
+    t = 2 * np.pi * np.arange(400) / 400
+    speed, rest = np.sqrt(2) * np.sin(t), np.sqrt(2) * np.sin(2 * t)
+    u = size * (np.sqrt(1 - own) * speed + np.sqrt(own) * rest)
+    return Stretch("flight", t, {"x": Equation(u, lambda delay, lag: u, speed, np.ones((400, 1)))})
+
+
+def test_what_excites_an_axis_is_enough_input_that_the_speed_does_not_explain():
+    good = piece(0.101, own=0.021)
+    assert excited("x", [piece(0.099), good, piece(0.2, own=0.019)]) == [good]
+    with pytest.raises(IdentificationError, match=r"pitch input varies by 0\.099 of full stick, 0\.1 is needed"):
+        excited("x", [piece(0.05), piece(0.099)])
+    with pytest.raises(IdentificationError, match=r"its speed explains 98\.1 % of its pitch input, at most 98 %"):
+        excited("x", [piece(0.2, own=0.019)])
+
+
+def test_a_saved_model_has_no_negative_damping():
+    found = Identified({"x": fit(b=(2.0, 0.1), k=(0.04, 0.09))}, ("flight",), 10.0)
+    assert found.as_toml().splitlines()[2:] == ["b_x = 2  # 1.9 to 2.1", "k_x = 0  # -0.05 to 0.13"]
+    assert found.as_json()["parameters"]["k_x"] == {"value": 0.04, "interval": pytest.approx([-0.05, 0.13])}
