@@ -170,3 +170,8 @@ def test_sobol_indices_of_ishigami():
     assert all(i.low <= i.value <= i.high for i in found.total)
     # A wrong sign of a half-width would put the limits on the wrong side.
     assert all(i.low < i.high for i in found.first)
+
+
+def test_scores_that_never_change_depend_on_no_axis():
+    found = sobol(np.ones(8), np.ones(8), np.ones((3, 8)))
+    assert found.first == found.total == [Interval(0.0, 0.0, 0.0, 8)] * 3
