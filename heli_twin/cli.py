@@ -46,9 +46,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(2, str(error), error)
     except OSError as error:
         reason = error.strerror or str(error)
-        if _discard_output():
-            return _fail(2, f"the output cannot be written: {reason}", error)
-        return _fail(2, f"{error.filename}: {reason}" if error.filename else reason, error)
+        if error.filename is not None:
+            return _fail(2, f"{error.filename}: {reason}", error)
+        # Files are opened by name and their errors carry it: this is the standard output.
+        _discard_output()
+        return _fail(2, f"the output cannot be written: {reason}", error)
     except Exception as error:
         # Libraries turn an interruption of their import into errors of their own.
         if not stop_signals:
@@ -85,18 +87,13 @@ def _fail(code: int, sentence: str, error: BaseException) -> int:
 def _interrupted(error: BaseException, stop_signals: list[int]) -> int:
     number = signal.Signals(stop_signals[0] if stop_signals else signal.SIGINT)
     sentence = "interrupted" if number == signal.SIGINT else f"ended by {number.name}"
-    _discard_output()
     return _fail(128 + number, sentence, error)
 
 
-def _discard_output() -> bool:
-    """Return whether the standard output takes no more; what is left then goes nowhere, not into an error at exit."""
-    try:
-        sys.stdout.flush()
-    except OSError:
+def _discard_output() -> None:
+    """Let the rest of the output go nowhere, and not into one more error at exit."""
+    with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return True
-    return False
 
 
 def _become_the_program() -> list[int]:

@@ -6,8 +6,16 @@ from logs, files and arguments is printed by `say`.
 """
 
 import sys
-from argparse import PARSER, ArgumentParser, Namespace, RawDescriptionHelpFormatter, _SubParsersAction
+from argparse import (
+    PARSER,
+    ArgumentParser,
+    ArgumentTypeError,
+    Namespace,
+    RawDescriptionHelpFormatter,
+    _SubParsersAction,
+)
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from heli_twin.foreign_text import clean
@@ -38,6 +46,10 @@ class Parser(ArgumentParser):
             options = [word for word in unknown if word.startswith("-")]
             self.error(f"unrecognized arguments: {' '.join(options or unknown)}")
         return parsed, []
+
+    def print_help(self, file: Any = None) -> None:
+        """Print the help; argparse itself does not notice an output that cannot be written."""
+        print(self.format_help(), end="", file=file)
 
     def error(self, message: str) -> NoReturn:
         """Print a sentence and exit with 2."""
@@ -83,6 +95,13 @@ def experiment_arguments(parsed: Namespace) -> tuple[str | None, list[str]]:
     if source is not None:
         words.remove(source)
     return source, words
+
+
+def file_path(text: str) -> Path:
+    """The type of an argument that names a file."""
+    if not Path(text).name:
+        raise ArgumentTypeError(f"'{text}' is a folder: give the name of a file")
+    return Path(text)
 
 
 def say(line: str) -> None:

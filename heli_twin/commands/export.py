@@ -3,7 +3,7 @@
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
-from heli_twin.commands import command, say
+from heli_twin.commands import command, file_path, say
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -17,7 +17,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin export logs/RUN.mcap --parquet tables\n"
         "  duckdb -c \"select time, position[3] as z from 'tables/truth.parquet'\"",
     )
-    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin recorded")
+    parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin recorded")
     parser.add_argument("--parquet", type=Path, metavar="DIR", required=True, help="folder for the files")
 
 

@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command, progress_bar, say
+from heli_twin.commands import command, file_path, progress_bar, say
 from heli_twin.errors import HeliTwinError
 from heli_twin.whole_file import write_whole
 
@@ -40,7 +40,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="write residual plots (SVG), model.toml and new logs here"
     )
-    parser.add_argument("--save", type=Path, metavar="FILE.toml", help="write the model for `heli-twin fly` here")
+    parser.add_argument("--save", type=file_path, metavar="FILE.toml", help="write the model for `heli-twin fly` here")
     parser.add_argument("--json", action="store_true", help="print the result as JSON, for programs")
 
 

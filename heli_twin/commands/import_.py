@@ -2,10 +2,9 @@
 
 import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command, say
+from heli_twin.commands import command, file_path, say
 
 if TYPE_CHECKING:
     from heli_twin.exchange.cleaning import Clean
@@ -35,7 +34,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin import poses.csv --map time=t,x=px,y=py,z=pz,yaw=heading,ux=0 --units mm\n"
         "  heli-twin import poses.csv controller.model.b_z=17.5 mocap.latency=0.008 --out flight.mcap",
     )
-    parser.add_argument("poses", type=Path, metavar="RECORDING", help="the recording")
+    parser.add_argument("poses", type=file_path, metavar="RECORDING", help="the recording")
     parser.add_argument(
         "overrides", nargs="*", default=[], metavar="path.to.field=value", help="what is known of that flight"
     )
@@ -54,7 +53,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     )
     parser.add_argument("--unchecked", action="store_true", help="import what no helicopter in a room can have left")
     parser.add_argument("--list", action="store_true", help="show what is recognised, and import nothing")
-    parser.add_argument("--out", type=Path, metavar="RUN.mcap", help="the log (default: beside the recording)")
+    parser.add_argument("--out", type=file_path, metavar="RUN.mcap", help="the log (default: beside the recording)")
 
 
 def run(parsed: Namespace) -> int:

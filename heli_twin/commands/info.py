@@ -2,10 +2,9 @@
 
 import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heli_twin.commands import command, say
+from heli_twin.commands import command, file_path, say
 from heli_twin.foreign_text import clean
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "Print what was flown, how it ended, every topic with its rate and size, versions and metrics.",
         "  heli-twin info logs/RUN.mcap\n  heli-twin info logs/RUN.mcap --json | jq .metrics",
     )
-    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin recorded")
+    parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin recorded")
     parser.add_argument("--json", action="store_true", help="print it as JSON, for programs")
 
 

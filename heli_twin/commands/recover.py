@@ -1,10 +1,9 @@
 """`heli-twin recover`: save what is good of a broken log."""
 
 from argparse import ArgumentParser, Namespace, _SubParsersAction
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command, say
+from heli_twin.commands import command, file_path, say
 
 if TYPE_CHECKING:
     from heli_twin.recording import Log
@@ -24,7 +23,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "of NAME.mcap, and say what was saved and what was lost. The broken file stays as it is.",
         "  heli-twin recover logs/RUN.mcap.part\n  heli-twin recover logs/RUN.mcap",
     )
-    parser.add_argument("log", type=Path, metavar="BROKEN.mcap[.part]", help="a log that cannot be read")
+    parser.add_argument("log", type=file_path, metavar="BROKEN.mcap[.part]", help="a log that cannot be read")
 
 
 def run(parsed: Namespace) -> int:

@@ -1,10 +1,9 @@
 """`heli-twin reestimate`: run the estimator again on a log."""
 
 from argparse import ArgumentParser, Namespace, _SubParsersAction
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command
+from heli_twin.commands import command, file_path
 
 if TYPE_CHECKING:
     from heli_twin.reanalysis.reestimate import Consistency, Reestimation
@@ -26,7 +25,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin reestimate RUN.mcap estimator.roll_forward=false\n"
         "  heli-twin reestimate RUN.mcap estimator.velocity_walk=0.5 controller.model.b_x=2.2",
     )
-    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log with poses")
+    parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log with poses")
     parser.add_argument(
         "overrides",
         nargs="*",

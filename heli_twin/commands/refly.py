@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heli_twin.commands import command, progress_bar, say
+from heli_twin.commands import command, file_path, progress_bar, say
 from heli_twin.foreign_text import clean
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin refly RUN.mcap controller.horizon=12\n"
         "  heli-twin refly RUN.mcap plant.mass=0.030 seed=3 --log-dir again",
     )
-    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin fly recorded")
+    parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin fly recorded")
     parser.add_argument("overrides", nargs="*", default=[], metavar="path.to.field=value", help="what to change")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(

@@ -3,7 +3,7 @@
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
-from heli_twin.commands import command
+from heli_twin.commands import command, file_path
 from heli_twin.foreign_text import clean
 from heli_twin.pasteable import pasteable
 
@@ -23,8 +23,10 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin replay logs/A.mcap logs/B.mcap\n"
         "  heli-twin replay logs/RUN.mcap --connect",
     )
-    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin recorded")
-    parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="a second one to compare it with")
+    parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin recorded")
+    parser.add_argument(
+        "other", type=file_path, nargs="?", metavar="OTHER.mcap", help="a second one to compare it with"
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--spawn", action="store_true", help="start a viewer (the default)")
     where.add_argument("--connect", action="store_true", help="show it in a viewer that is running")

@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command, say
+from heli_twin.commands import command, file_path, say
 
 if TYPE_CHECKING:
     from heli_twin.reanalysis.resolve import Resolution
@@ -26,7 +26,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin resolve RUN.mcap controller.horizon=12 controller.coupling=full\n"
         "  heli-twin resolve PID.mcap controller.kind=ltv_mpc    # what the MPC would have done",
     )
-    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log with estimates")
+    parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log with estimates")
     parser.add_argument(
         "overrides",
         nargs="*",

@@ -3,9 +3,8 @@
 import argparse
 import re
 from argparse import ArgumentParser, Namespace, _SubParsersAction
-from pathlib import Path
 
-from heli_twin.commands import command, say
+from heli_twin.commands import command, file_path, say
 from heli_twin.errors import HeliTwinError
 
 MAX_SIDE_PX = 8192
@@ -24,9 +23,11 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin snapshot logs/RUN.mcap --at 12.3 flight.png\n"
         "  heli-twin snapshot logs/A.mcap logs/B.mcap compared.png --at 12.3 --size 1920x1080",
     )
-    parser.add_argument("log", type=Path, metavar="RUN.mcap", help="a log that heli-twin recorded")
-    parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="a second one to compare it with")
-    parser.add_argument("picture", type=Path, metavar="PICTURE.png", help="the file to write")
+    parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin recorded")
+    parser.add_argument(
+        "other", type=file_path, nargs="?", metavar="OTHER.mcap", help="a second one to compare it with"
+    )
+    parser.add_argument("picture", type=file_path, metavar="PICTURE.png", help="the file to write")
     parser.add_argument("--at", type=float, metavar="SECONDS", help="simulated time (default: the end of the flight)")
     parser.add_argument("--size", type=_size, default="1600x900", metavar="WxH", help="pixels (default 1600x900)")
 

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar, say
+from heli_twin.commands import add_experiment, command, experiment_arguments, file_path, progress_bar, say
 from heli_twin.errors import HeliTwinError
 from heli_twin.pasteable import pasteable
 from heli_twin.whole_file import write_whole
@@ -39,7 +39,9 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument("controller", choices=tuple(KINDS), help="what to tune")
     add_experiment(parser)
     parser.add_argument("--budget", type=int, metavar="N", help="trials of the search (default 37; 1: none)")
-    parser.add_argument("--save", type=Path, metavar="FILE.toml", help="write the controller for `heli-twin fly` here")
+    parser.add_argument(
+        "--save", type=file_path, metavar="FILE.toml", help="write the controller for `heli-twin fly` here"
+    )
     parser.add_argument("--json", action="store_true", help="print the result as JSON, for programs")
 
 
