@@ -196,3 +196,59 @@ def test_a_reader_that_has_gone_is_no_error():
     done = subprocess.run(command, shell=True, capture_output=True, text=True, env=environment, timeout=60, check=True)
     assert done.stderr == ""
     assert done.stdout.startswith("physics = ")
+
+
+# --- foreign text
+
+
+def test_brackets_in_a_path_are_printed_as_they_are(capsys, tmp_path):
+    assert main(["fly", *SHORT, "--log-dir", "x[/foo][bold]"]) == 0
+    (log,) = files(tmp_path)
+    assert f"log {log}\n" in capsys.readouterr().out
+    assert main(["export", log, "--parquet", "y[/foo]"]) == 0
+    assert "y[/foo]/truth.parquet: " in capsys.readouterr().out
+    assert main(["info", log]) == 0
+    assert log in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("size", [1, 100_000])
+@pytest.mark.parametrize(
+    "words", [["fly", "{}=1"], ["fly", "duration={}"], ["info", "{}"], ["fly", "keys.toml"], ["import", "poses.csv"]]
+)
+def test_foreign_text_in_an_error_is_short_and_cannot_command_a_terminal(words, size, capsys, tmp_path):
+    foreign = "\x1b]0;owned\x07\x1b[2J\u202e" * size
+    (tmp_path / "keys.toml").write_text(f"{json.dumps(foreign)} = 1\n")
+    (tmp_path / "poses.csv").write_text(f"time,x,y,{foreign}\n0,0,0,0\n")
+    assert main([word.format(foreign) for word in words]) == 2
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert error.count("\n") == 1
+    assert len(error) < 500
+    assert error[:-1].isprintable()
+
+
+# --- words and options
+
+
+@pytest.mark.parametrize("command", ["fly", "show", "trajectories"])
+def test_words_go_before_between_and_after_the_options(command, capsys, tmp_path):
+    option = ["--json"] if command != "show" else []
+    assert main([command, "ideal", *option, "plant.model.b_x=nonsense", "duration=1"]) == 2
+    assert "b_x" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["identify", "ideal", "--json", "plant.mass=nonsense"],
+        ["tune", "--budget", "1", "pid", "--json", "ideal", "plant.mass=nonsense"],
+        ["study", "run", "--workers", "1", "ladder", "--no-report", "plant.mass=nonsense"],
+        ["import", "poses.csv", "--out", "a.mcap", "plant.mass=nonsense"],
+    ],
+)
+def test_words_after_an_option_are_read(words, capsys, tmp_path):
+    (tmp_path / "poses.csv").write_text("time,x,y,z,yaw\n0,0,0,1,0\n0.01,0,0,1,0\n")
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert "unrecognized" not in error
+    assert "mass" in error
