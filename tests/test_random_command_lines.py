@@ -101,7 +101,7 @@ def _doors(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(work, refuse)
 
 
-@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(lines)
 def test_a_random_command_line_ends_with_a_code_and_a_sentence(
     capsys: pytest.CaptureFixture[str], line: tuple[str, list[str]]

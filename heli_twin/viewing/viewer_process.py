@@ -1,12 +1,11 @@
 """Rerun's viewer as a process of this machine: find it, start it, take its picture without a screen."""
 
 import os
-import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress
 from tempfile import TemporaryDirectory, TemporaryFile
 from typing import IO
@@ -26,6 +25,10 @@ REDRAW_PAUSE_S = 0.7
 START_NOTE_S = 4.5
 """Time for which a viewer shows the note that it has started, in front of the picture."""
 
+WATCHED = ("sh", "-c", 'exec 3<&0; "$@" & viewer=$!; (read line <&3; kill -9 0) & wait $viewer', "sh")
+"""Runs a command that ends, with all processes of its session, when the standard input does: with this program,
+whatever ends it."""
+
 
 def url(port: int) -> str:
     """The address of the viewer on this port."""
@@ -43,7 +46,7 @@ def is_listening(port: int) -> bool:
 
 def spawn(port: int) -> bool:
     """Start a viewer that only this machine can reach and that outlives this program; returns whether it listens."""
-    viewer = _start(port, "--expect-data-soon", output=subprocess.DEVNULL)
+    viewer = _start([], port, "--expect-data-soon", stdin=subprocess.DEVNULL, output=subprocess.DEVNULL)
     return _comes_up(viewer, port)
 
 
@@ -81,8 +84,8 @@ def headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
     with TemporaryDirectory(ignore_cleanup_errors=True) as place, TemporaryFile() as said:
         window = f"{size[0]}x{size[1]}"
         options = ("--headless", "--hide-welcome-screen", "--window-size", window)
-        process = _start(port, *options, output=said, TMPDIR=place)
-        try:
+        starting = _start(WATCHED, port, *options, stdin=subprocess.PIPE, output=said, TMPDIR=place)
+        with starting as process, _explained(process, said):
             if not _comes_up(process, port):
                 raise LogError(
                     f"the viewer did not start in {START_TIMEOUT_S:g} s: try again when the machine is less busy"
@@ -91,19 +94,21 @@ def headless(size: tuple[int, int]) -> Generator[tuple[int, ViewerClient]]:
             # It listens before it knows whether it can draw.
             viewer.get_state()
             yield port, viewer
-        except (LogError, RuntimeError, OSError) as error:
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(2)
-                said.seek(0)
-                raise LogError(_why(said.read().decode(errors="replace"))) from error
-            if isinstance(error, LogError):
-                raise
-            raise LogError(f"the viewer gave no picture: {error}") from error
-        finally:
-            # The process is a wrapper; the viewer is its child.
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+
+
+@contextmanager
+def _explained(process: subprocess.Popen[bytes], said: IO[bytes]) -> Generator[None]:
+    """Turn whatever goes wrong with a viewer into one sentence, from its output if it has died."""
+    try:
+        yield
+    except (LogError, RuntimeError, OSError) as error:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(2)
+            said.seek(0)
+            raise LogError(_why(said.read().decode(errors="replace"))) from error
+        if isinstance(error, LogError):
+            raise
+        raise LogError(f"the viewer gave no picture: {error}") from error
 
 
 def _why(said: str) -> str:
@@ -117,11 +122,13 @@ def _why(said: str) -> str:
     return f"the viewer died ({last}): try `rerun --headless` by itself to see why"
 
 
-def _start(port: int, *options: str, output: int | IO[bytes], **variables: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "rerun", "--port", str(port), "--bind", HOST, *options]
+def _start(
+    watch: Sequence[str], port: int, *options: str, stdin: int, output: int | IO[bytes], **variables: str
+) -> subprocess.Popen[bytes]:
+    command = [*watch, sys.executable, "-m", "rerun", "--port", str(port), "--bind", HOST, *options]
     # Below errors the viewer shows its own log as notes in front of the picture.
     environment = os.environ | {"RUST_LOG": "off"} | variables
-    return subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True, env=environment)
+    return subprocess.Popen(command, stdin=stdin, stdout=output, stderr=output, start_new_session=True, env=environment)
 
 
 def _comes_up(viewer: subprocess.Popen[bytes], port: int) -> bool:
