@@ -2,7 +2,8 @@
 
 The estimates are the logged ones: the effect of the new inputs on the flight is not simulated, and each answer belongs
 to a moment that was really flown. The model is linearised along the logged nominal inputs if the log has them, else
-along the controller's own last plan, as on a log that another controller flew.
+along the controller's own last plan, as on a log that another controller flew. With logged nominal inputs nothing of an
+earlier solution enters a problem: the solver keeps no state, and the integral states follow from the estimates.
 """
 
 import heapq

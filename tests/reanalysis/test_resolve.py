@@ -5,8 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from controllers.laws.ltv_mpc import LtvMpcController
+from controllers.reference import ReferencePreview
+from controllers.signals import Estimate, nanoseconds
 from heli_twin import HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
+from heli_twin.logbook import flown_experiment
 from heli_twin.reanalysis.resolve import resolve, write
 from heli_twin.recording import Log
 
@@ -30,6 +34,23 @@ def test_a_resolved_qp_gives_the_logged_input_to_the_last_bit(mpc: Log) -> None:
     assert len(again.commands) == len(mpc.estimate.time)
     np.testing.assert_array_equal(again.u, mpc.sent.u[-len(again.u) :])
     np.testing.assert_array_equal(again.difference, 0.0)
+
+
+@pytest.mark.parametrize("k", [1, 37, 95])
+def test_one_logged_qp_alone_gives_the_logged_input(mpc: Log, k: int) -> None:
+    experiment = flown_experiment(mpc)
+    law, lead = experiment.controller, nanoseconds(experiment.estimator.lead)
+    controller = law.start()
+    assert isinstance(controller, LtvMpcController)
+    preview = ReferencePreview(experiment.trajectory, law.model, nanoseconds(law.period), lead)
+    estimates = [Estimate(int(row[0]), *row[1:]) for row in zip(*mpc.estimate[1:], strict=True)]
+    for estimate in estimates[:k]:
+        # The integral states follow from the estimates; no problem is solved.
+        controller.problem(estimate, preview(estimate.stamp, law.steps))
+    controller.linearise_along(mpc.plan.u_nominal[k])
+    command = controller.step(0, estimates[k], preview(estimates[k].stamp, law.steps))
+    sent = np.flatnonzero(mpc.sent.time == mpc.estimate.time[k])
+    np.testing.assert_array_equal(command.u, mpc.sent.u[sent[0]])
 
 
 def test_a_resolved_qp_gives_the_logged_plan(mpc: Log) -> None:
