@@ -1,6 +1,7 @@
 """One flight: the experiment becomes a helicopter, a lab and a ground station, and time runs. Read this first."""
 
 from collections.abc import Callable
+from math import cos, radians
 from time import perf_counter_ns
 from typing import Literal, NamedTuple
 
@@ -15,6 +16,7 @@ from heli_twin.experiment import Experiment, Volume
 from heli_twin.lab import disturbances
 from heli_twin.lab.chance import generator
 from heli_twin.lab.disturbances import together
+from heli_twin.lab.faults import Faults
 from heli_twin.lab.mocap import Arrival
 from heli_twin.lab.plant import Plant, Truth
 from heli_twin.lab.radio import Held
@@ -63,7 +65,8 @@ class Flight:
             d.start(generator(e.seed, name if name == d.kind else f"disturbances.{name}"))
             for name, d in by_name(e.disturbances).items()
         ]
-        self.faults = by_name(e.faults).values()
+        faults = by_name(e.faults).items()
+        self.faults = Faults(fault.hooks(generator(e.seed, f"faults.{name}")) for name, fault in faults)
         self.compute_chance = generator(e.seed, "compute")
         self.estimator, self.controller = e.estimator.start(e.controller.model), e.controller.start()
         self.preview = ReferencePreview(e.trajectory, e.controller.model, self.period, nanoseconds(e.estimator.lead))
@@ -97,23 +100,23 @@ class Flight:
                 if outcome is not None:
                     return outcome
                 command = self.control(t)
-                self.radio.send(t + self.experiment.compute.latency_ns(self.compute_chance), command)
+                latency = self.experiment.compute.latency_ns(self.compute_chance)
+                for at, sent in self.faults.commands(t, latency, command):
+                    self.radio.send(at, sent)
                 control_due += self.period
                 self.progress(1e-9 * t)
             if t >= self.radio.due and (received := self.radio.receive(t)):
                 held = received
                 self.recorder.acting(t, held.u, held.stamp)
+            u = self.faults.input(t, held.u, truth, self.plant)
             t = self.on_grid(min(control_due, air_due, self.mocap.due, self.radio.due, self.end))
-            self.plant.advance(t, held.u, air)
+            self.plant.advance(t, u, air)
 
     def look(self, t: int, truth: Truth) -> None:
         """Let the cameras look; the pose is on its way unless the frame or a fault loses it."""
-        arrival = self.mocap.capture(t, truth)
-        pose = arrival.pose if arrival else None
-        for fault in self.faults:
-            pose = fault.pose(pose) if pose else None
-        if arrival and pose:
-            self.poses_under_way.append(Arrival(arrival.at, pose))
+        arrival = self.faults.pose(self.mocap.capture(t, truth))
+        if arrival:
+            self.poses_under_way.append(arrival)
 
     def control(self, t: int) -> Command:
         """Run one step of the ground station: feed it the poses that have arrived and return its command."""
@@ -185,17 +188,20 @@ def verdict(t: int, truth: Truth, planned_height: float, volume: Volume) -> Outc
     if not (
         np.isfinite(truth.position).all() and np.isfinite(truth.quat_wxyz).all() and np.isfinite(truth.velocity).all()
     ):
-        return Outcome("diverged", t, f"the simulation left the real numbers at {seconds:.2f} s")
+        return Outcome("diverged", t, f"the simulated state became non-finite at {seconds:.2f} s")
     if truth.touching and planned_height > FLOOR_MARGIN_M:
         return Outcome("crashed", t, f"hit the floor at {seconds:.2f} s, {planned_height:.2f} m below its plan")
     x, y, z = truth.position.tolist()
     if max(abs(x), abs(y)) > volume.half_width or z > volume.height:
         return Outcome("left_volume", t, f"left the volume at {seconds:.2f} s, at x {x:.2f}, y {y:.2f}, z {z:.2f} m")
     _, qx, qy, _ = truth.quat_wxyz.tolist()
-    if qx * qx + qy * qy > 0.5:
-        return Outcome("diverged", t, f"turned upside down at {seconds:.2f} s")
+    if 1.0 - 2.0 * (qx * qx + qy * qy) < TIPPED_COS:
+        where = "on the floor" if truth.touching else "in the air"
+        return Outcome("crashed" if truth.touching else "diverged", t, f"tipped over {where} at {seconds:.2f} s")
     return None
 
 
+TIPPED_COS = cos(radians(45.0))
+"""Cosine of the tilt at which a flight is over: full stick tilts by 12 degrees; on its side it lies at 56 degrees."""
 FLOOR_MARGIN_M = 0.15
 """A plan below this height may touch the floor; the skids hang about 5 cm below the centre of gravity."""

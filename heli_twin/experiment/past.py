@@ -40,7 +40,9 @@ class Past(NamedTuple):
 
 _KALMAN = "controllers.estimators.kalman.Kalman"
 PAST: dict[str, Past] = {
-    "heli_twin.lab.plant.mujoco.MuJoCo.effects": Past(3, {}),
+    "heli_twin.lab.plant.mujoco.MuJoCo.effects": Past(4, {}),
+    "heli_twin.lab.faults.pose_nan.PoseNan.rate": Past(4, 0.0),
+    "heli_twin.lab.faults.pose_outage.PoseOutage.rate": Past(4, 0.0),
     f"{_KALMAN}.withstand_faults": Past(4, False),
     f"{_KALMAN}.jump_time": Past(4, 0.6),
     f"{_KALMAN}.stray_speed": Past(4, 1.0),

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from heli_twin import Experiment, flight, fly, load, read_log
+from heli_twin.experiment import Volume
 from heli_twin.experiment.tree import ExperimentError, from_json
-from heli_twin.flight import Flight
+from heli_twin.flight import Flight, verdict
 from heli_twin.lab.chance import generator
+from heli_twin.lab.plant import STILL_AIR
+from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.metrics.tracking import SETTLING, tracking_error
 from heli_twin.mission import Result
 from heli_twin.recording.schema import TIMING, WIRES
@@ -115,6 +118,28 @@ def test_a_flight_may_end_between_two_control_steps(preset, duration):
     assert result.outcome[:2] == ("completed", end)
     assert result.log.truth.stamp[-1] == result.log.reference.stamp[-1] == end
     assert len(result.log.sent.time) == -(-end // (20 * MS))
+
+
+def test_tipping_over_on_the_floor_is_noticed():
+    """The hinges stop at 75 degrees, and on its side it lies on the rim of the rotors at 56."""
+    plant, said = MuJoCo().start(np.array([0, 0, 0.3, 0, 0, 2.0, 0, 0])), []
+    for k in range(1, 300):
+        throttle = 0.3 if k < 150 else 0.0
+        plant.advance(k * 10 * MS, np.array([0.0, 1.0, throttle, 0.0]), STILL_AIR)
+        said.append(verdict(k * 10 * MS, plant.truth(), 0.05, Volume(half_width=50.0)))
+    first = next(outcome for outcome in said if outcome)
+    assert first.text.startswith("tipped over")
+    assert (said[-1].kind, said[-1].text.split(" at ")[0]) == ("crashed", "tipped over on the floor")
+
+
+def test_standing_on_the_floor_is_no_crash():
+    plant = MuJoCo().start(np.array([0, 0, 0.045, 0, 0, 0, 0, 0]))
+    assert plant.truth().touching
+    plant.advance(1000 * MS, np.zeros(4), STILL_AIR)
+    # Thrust to zero settles within a millimetre: the skids sink in by less than 0.01 mm.
+    assert plant.truth().touching
+    assert plant.truth().position[2] == pytest.approx(0.045, abs=1e-4)
+    assert verdict(1000 * MS, plant.truth(), 0.05, Volume()) is None
 
 
 def test_every_wire_is_recorded(lab):

@@ -1,18 +1,121 @@
-"""Faults: what breaks. One file is one fault; it is found by its `kind`, without a registry."""
+"""Faults: what breaks. One file is one fault; it is found by its `kind`, without a registry.
 
-from typing import Protocol
+A fault hooks the wires it breaks: poses on their way to the ground station, commands on their way to the radio, the
+time of a control step, the input at the helicopter, or its gyro. Most have a `start` and a `duration`; with a
+`rate` they come by chance from `start` on.
+"""
 
-from controllers.signals import Pose
+from bisect import bisect_right
+from collections.abc import Callable, Iterable
+from typing import Annotated, NamedTuple, Protocol
+
+import numpy as np
+from annotated_types import Ge, Le, Unit, doc
+
+from controllers.signals import Array, Command, nanoseconds
+from heli_twin.lab.mocap import Arrival
+from heli_twin.lab.plant import Plant, Truth
+
+Start = Annotated[float, Ge(0), Le(36_000), Unit("s"), doc("when it begins")]
+Duration = Annotated[float, Ge(0), Le(36_000), Unit("s"), doc("how long it lasts")]
+Rate = Annotated[float, Ge(0), Le(10), Unit("1/s"), doc("how often it comes by chance from `start` on; 0: once")]
+
+
+class Hooks(NamedTuple):
+    """What a fault does on each wire; a wire that it leaves alone has None. Times are in ns."""
+
+    pose: Callable[[Arrival], Arrival | None] | None = None
+    """Changes a pose when the cameras have seen it; None if it is lost."""
+    command: Callable[[int, Command], list[tuple[int, Command]]] | None = None
+    """Takes when a command is ready, and the command; returns what the radio is given instead."""
+    latency: Callable[[int, int], int] | None = None
+    """Takes the time of a control step and its latency; returns its latency."""
+    input: Callable[[int, Array, Truth], Array] | None = None
+    """Takes the time, the input (4,) that the receiver holds and the helicopter's state; returns what acts."""
+    gyro: Callable[[int], bool] | None = None
+    """Takes the time; returns whether the on-board rate gyro works."""
 
 
 class Fault(Protocol):
-    """A fault on the mocap wire, as a value. A frozen dataclass with a literal `kind`."""
+    """A fault as a value. A frozen dataclass with a literal `kind`."""
 
     @property
     def kind(self) -> str:
         """Its name."""
         ...
 
-    def pose(self, pose: Pose) -> Pose | None:
-        """Change a pose on its way to the ground station; None if it is lost."""
+    def hooks(self, rng: np.random.Generator) -> Hooks:
+        """Return what it does on the wires of one flight."""
         ...
+
+
+class Faults:
+    """All faults of one flight together; each hooks the wire that those before it have left."""
+
+    def __init__(self, faults: Iterable[Hooks]) -> None:
+        self._faults = [*faults]
+
+    def pose(self, arrival: Arrival | None) -> Arrival | None:
+        """Return a pose as the ground station will get it; None if it is lost."""
+        for fault in self._faults:
+            if arrival and fault.pose:
+                arrival = fault.pose(arrival)
+        return arrival
+
+    def commands(self, t: int, latency: int, command: Command) -> list[tuple[int, Command]]:
+        """Return what reaches the radio of a command of the control step at `t`, and when."""
+        for fault in self._faults:
+            if fault.latency:
+                latency = fault.latency(t, latency)
+        sent = [(t + latency, command)]
+        for fault in self._faults:
+            if fault.command:
+                sent = [changed for each in sent for changed in fault.command(*each)]
+        return sent
+
+    def input(self, t: int, u: Array, truth: Truth, plant: Plant) -> Array:
+        """Return the input (4,) that acts at the helicopter from `t` on, and switch its gyro."""
+        for fault in self._faults:
+            if fault.input:
+                u = fault.input(t, u, truth)
+        gyros = [fault.gyro(t) for fault in self._faults if fault.gyro]
+        if gyros:
+            plant.gyro_works = all(gyros)
+        return u
+
+
+class Timed(Protocol):
+    """A fault that comes and goes."""
+
+    @property
+    def start(self) -> float:
+        """When it begins, s."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """How long it lasts, s."""
+        ...
+
+    @property
+    def rate(self) -> float:
+        """How often it comes by chance, 1/s; 0: once, at its start."""
+        ...
+
+
+class Spells:
+    """The times at which a fault is there."""
+
+    def __init__(self, fault: Timed, rng: np.random.Generator) -> None:
+        self._rng, self._rate = rng, fault.rate
+        self._duration = nanoseconds(fault.duration)
+        self._first = nanoseconds(fault.start)
+        self._starts: list[int] = [] if fault.rate else [self._first]
+
+    def began(self, t: int) -> int | None:
+        """Return when the spell that lasts at `t` began, ns; None if there is none."""
+        while self._rate and (not self._starts or self._starts[-1] <= t):
+            last = self._starts[-1] if self._starts else self._first
+            self._starts.append(last + nanoseconds(self._rng.exponential(1.0 / self._rate)))
+        newest = bisect_right(self._starts, t) - 1
+        return self._starts[newest] if newest >= 0 and t < self._starts[newest] + self._duration else None

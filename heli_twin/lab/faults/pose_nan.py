@@ -1,12 +1,13 @@
 """The tracker loses its rigid body and reports NaN."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from annotated_types import Ge, Unit, doc
 
 from controllers.signals import Pose
+from heli_twin.lab.faults import Duration, Hooks, Rate, Spells, Start
+from heli_twin.lab.mocap import Arrival
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,10 +15,17 @@ class PoseNan:
     """Poses of NaN for a while."""
 
     kind: Literal["pose_nan"] = "pose_nan"
-    start: Annotated[float, Ge(0), Unit("s"), doc("first bad frame")] = 5.0
-    duration: Annotated[float, Ge(0), Unit("s"), doc("how long the poses are bad")] = 0.1
+    start: Start = 5.0
+    duration: Duration = 0.1
+    rate: Rate = 0.0
 
-    def pose(self, pose: Pose) -> Pose | None:
-        """Return NaN during the fault, the pose itself otherwise."""
-        bad = self.start <= 1e-9 * pose.stamp < self.start + self.duration
-        return Pose(pose.stamp, np.full(3, np.nan), np.full(4, np.nan)) if bad else pose
+    def hooks(self, rng: np.random.Generator) -> Hooks:
+        """Replace position and attitude."""
+        spells = Spells(self, rng)
+
+        def pose(arrival: Arrival) -> Arrival:
+            if spells.began(arrival.pose.stamp) is None:
+                return arrival
+            return Arrival(arrival.at, Pose(arrival.pose.stamp, np.full(3, np.nan), np.full(4, np.nan)))
+
+        return Hooks(pose=pose)

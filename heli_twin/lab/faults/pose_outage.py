@@ -1,11 +1,12 @@
 """The cameras lose the helicopter for a while."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
-from annotated_types import Ge, Unit, doc
+import numpy as np
 
-from controllers.signals import Pose
+from heli_twin.lab.faults import Duration, Hooks, Rate, Spells, Start
+from heli_twin.lab.mocap import Arrival
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,9 +14,15 @@ class PoseOutage:
     """No pose at all for a while; 0.3 s is what occlusion costs in the field (PX4-Autopilot #8758)."""
 
     kind: Literal["pose_outage"] = "pose_outage"
-    start: Annotated[float, Ge(0), Unit("s"), doc("first lost frame")] = 5.0
-    duration: Annotated[float, Ge(0), Unit("s"), doc("how long the helicopter is out of sight")] = 0.3
+    start: Start = 5.0
+    duration: Duration = 0.3
+    rate: Rate = 0.0
 
-    def pose(self, pose: Pose) -> Pose | None:
-        """Return None during the outage, the pose itself otherwise."""
-        return None if self.start <= 1e-9 * pose.stamp < self.start + self.duration else pose
+    def hooks(self, rng: np.random.Generator) -> Hooks:
+        """Lose the poses."""
+        spells = Spells(self, rng)
+
+        def pose(arrival: Arrival) -> Arrival | None:
+            return arrival if spells.began(arrival.pose.stamp) is None else None
+
+        return Hooks(pose=pose)

@@ -58,6 +58,9 @@ STILL_AIR = Air(np.zeros(3), np.zeros(3))
 class Plant(Protocol):
     """A flying helicopter. It is made by its spec's `start(x)` at rest in its trim and dies with the flight."""
 
+    gyro_works: bool
+    """Whether the on-board rate gyro damps the yaw; a fault switches it."""
+
     def truth(self) -> Truth:
         """Return its state now; the arrays are copies that the caller may keep."""
         ...

@@ -1,6 +1,6 @@
 """The paper's model as a plant: it flies exactly as the controller believes, unless the two parameter sets differ."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import cos, sin
 from typing import Annotated, Literal
 
@@ -50,7 +50,9 @@ class IdealHelicopter:
 
     def __init__(self, spec: Ideal, x: Array) -> None:
         self._spec = spec
+        self.gyro_works = True
         self._simulate = simulator(spec.model, spec.step)
+        self._simulate_undamped = simulator(replace(spec.model, k_yaw=0.0), spec.step)
         self._steps = 0
         px, py, pz, yaw, vx, vy, vz, r = (float(v) for v in x)
         self._x: State = (px, py, pz, yaw, vx, vy, vz, r)
@@ -93,8 +95,9 @@ class IdealHelicopter:
         wx, wy, _ = air.wind.tolist()
         ax, ay, az = air.acceleration.tolist()
         driven, push = (ux, uy, uz * air.thrust_factor, uyaw), (ax, ay, az, 0.0)
+        simulate = self._simulate if self.gyro_works else self._simulate_undamped
         for _ in range(target - self._steps):
-            (moved,) = self._simulate(_seen_from(self._x, wx, wy), (driven,), push)
+            (moved,) = simulate(_seen_from(self._x, wx, wy), (driven,), push)
             px, py, pz, yaw, vx, vy, vz, r = _seen_from(moved, -wx, -wy)
             self._x = (px + wx * self._spec.step, py + wy * self._spec.step, pz, yaw, vx, vy, vz, r)
         self._steps = target

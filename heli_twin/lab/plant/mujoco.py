@@ -140,6 +140,7 @@ class Twin:
     def __init__(self, spec: MuJoCo, x: Array) -> None:
         mujoco = engine()
         self._spec = spec
+        self.gyro_works = True
         self._steps = 0
         self._effect_steps = max(1, PERIOD_NS // spec.step_ns)
         self._mj_step = mujoco.mj_step
@@ -147,6 +148,7 @@ class Twin:
         self._data = data = mujoco.MjData(model)
         self._thrust = model.actuator("u_z").id
         self._fuselage = model.body("fuselage").id
+        self._yaw = model.joint("yaw").dofadr[0]
         air = model.joint("air_x").dofadr[0]
         self._air = slice(air, air + 3)
 
@@ -215,6 +217,7 @@ class Twin:
         data = self._data
         data.qvel[self._air] = air.wind
         data.xfrc_applied[self._fuselage, :3] = self._spec.mass * air.acceleration
+        self._model.dof_damping[self._yaw] = self._spec.yaw_damping if self.gyro_works else 0.0
         self._act(u)
         if not self._every_period:
             self._thrust_gain(air.thrust_factor)
