@@ -20,6 +20,13 @@ STOP_TIMEOUT_S = 4
 """Time that a command may take to end after a signal asked it to; then the kernel ends it."""
 
 
+class Stopped(KeyboardInterrupt):
+    """A signal asked the command to end.
+
+    Of the class itself Python notes that it passed through code made at run time, and ends itself by SIGINT at exit.
+    """
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
@@ -117,7 +124,7 @@ def _become_the_program() -> list[int]:
         if not stop_signals:
             stop_signals.append(number)
             signal.alarm(STOP_TIMEOUT_S)
-            raise KeyboardInterrupt(signal.Signals(number).name)
+            raise Stopped(signal.Signals(number).name)
 
     for number in STOP_SIGNALS:
         # `nohup` ignores SIGHUP; a shell ignores SIGINT for its background jobs, which are ended by it all the same.
