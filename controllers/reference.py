@@ -92,8 +92,10 @@ def _refuse(t: Array, values: Array, low: Array, high: Array) -> None:
     i, j = (int(index) for index in np.argwhere(~allowed)[0])
     name, unit = _NAMES[j]
     value, limit = values[i, j], low[j] if values[i, j] < low[j] else high[j]
+    # As many digits as tell the two apart.
+    digits = next((n for n in range(3, 17) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 17)
     raise InfeasibleTrajectory(
-        f"the trajectory cannot be flown: at t = {t[i]:.2f} s it needs {name} = {value:.3g} {unit}".rstrip()
-        + f", the limit is {limit:.3g} {unit}".rstrip()
+        f"the trajectory cannot be flown: at t = {t[i]:.2f} s it needs {name} = {value:.{digits}g} {unit}".rstrip()
+        + f", the limit is {limit:.{digits}g} {unit}".rstrip()
         + "; make it slower, smaller or smoother"
     )

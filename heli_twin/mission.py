@@ -121,10 +121,24 @@ def checked(experiment: Experiment) -> Experiment:
             f"controller.period = {e.controller.period} s has to be a whole number of physics steps"
             f" (plant.step = {e.plant.step} s): the nearest is {nearest:.6g} s"
         )
+    model = e.controller.model
+    if model.u_hover[2] > model.u_max[2]:
+        raise ExperimentError(
+            f"controller.model: the helicopter is believed too heavy to hover: it needs u_z = {model.u_hover[2]:.4g}"
+            f" (9.81 m/s^2 / b_z), the limit u_z_max is {model.u_max[2]:.4g}"
+        )
     try:
-        check_feasible(e.trajectory, e.controller.model, e.duration, e.controller.period)
+        # Numbers near the largest overflow: what comes out is non-finite, and that is refused.
+        with np.errstate(all="ignore"):
+            check_feasible(e.trajectory, model, e.duration, e.controller.period)
     except InfeasibleTrajectory as error:
         raise ExperimentError(f"trajectory: {error}") from None
+    x, y, z = e.trajectory.flat(np.zeros(1)).z[0, :3].tolist()
+    if max(abs(x), abs(y)) > e.volume.half_width or z > e.volume.height:
+        raise ExperimentError(
+            f"trajectory starts at x {x:.3g}, y {y:.3g}, z {z:.3g} m, outside the volume: volume.half_width ="
+            f" {e.volume.half_width:g} m, volume.height = {e.volume.height:g} m"
+        )
     return e
 
 

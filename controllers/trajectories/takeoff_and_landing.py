@@ -30,6 +30,15 @@ class TakeoffAndLanding:
     # The skids reach 0.045 m below the centre of gravity.
     floor: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity when it stands")] = 0.045
 
+    def __post_init__(self) -> None:
+        """Refuse a take-off within a take-off, which would double the work at each level.
+
+        Raises:
+            ValueError: The flight is of this class.
+        """
+        if isinstance(self.flight, TakeoffAndLanding):
+            raise ValueError("flight is a take-off and landing again: choose any other trajectory")  # noqa: TRY004
+
     def flat(self, t: Array) -> FlatOutput:
         """Return the flight at the pace of a clock that starts and stops, lowered to the floor at both ends."""
         pace = smooth_ride(t - self.climb, self.airborne, self.ramp)

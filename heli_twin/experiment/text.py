@@ -6,6 +6,7 @@ adds one more gust with a name of its own.
 """
 
 import csv
+import reprlib
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import is_dataclass
@@ -19,8 +20,8 @@ from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.own import OWN, refuse_own
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
-from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of
-from heli_twin.experiment.values import ExperimentError, instead
+from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of, unknown_field
+from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, cut, instead, listing
 
 
 def presets() -> dict[str, Path]:
@@ -92,17 +93,20 @@ def _read(source: str) -> tuple[Tree, int]:
     if source not in known and path.suffix != ".toml":
         raise ExperimentError(f"unknown preset {instead(source, known)}; a file of your own ends in .toml")
     try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+        if path.exists() and not path.is_file():
+            raise ExperimentError(f"cannot read {cut(path, 200)}: it is not a file")
+        tree = _toml(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ExperimentError(f"cannot read {path}: {error.strerror}") from None
+        raise ExperimentError(f"cannot read {cut(path, 200)}: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise ExperimentError(f"cannot read {path}: it is not UTF-8 text") from None
+        raise ExperimentError(f"cannot read {cut(path, 200)}: it is not UTF-8 text") from None
     except _NOT_TOML as error:
-        raise ExperimentError(f"{path} is not valid TOML: {error}") from None
+        raise ExperimentError(f"{cut(path, 200)} is not valid TOML: {cut(error, 200)}") from None
     version = tree.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
         raise ExperimentError(
-            f"{path} has physics = {version!r}: this heli_twin knows the versions 1 to {PHYSICS_VERSION}; update it,"
+            f"{cut(path, 200)} has physics = {reprlib.repr(version)}: this heli_twin knows the versions 1 to"
+            f" {PHYSICS_VERSION}; update it,"
             " or remove the line to read the file with today's defaults"
         )
     return tree, version
@@ -110,6 +114,12 @@ def _read(source: str) -> tuple[Tree, int]:
 
 _NOT_TOML = (ValueError, RecursionError)
 """What the parser raises: its own error, and what a number of 5000 digits or a thousand brackets make of Python."""
+
+
+def _toml(text: str) -> Tree:
+    tree = tomllib.loads(text)
+    check_size(tree)
+    return tree
 
 
 def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -135,9 +145,11 @@ def assignment(text: str, example: str = "path.to.field=value, such as plant.mas
     """
     path, equals, value = (word.strip() for word in text.partition("="))
     if not equals or not path:
-        raise ExperimentError(f"'{text}' is not an override: write {example}")
+        raise ExperimentError(f"'{cut(text)}' is not an override: write {example}")
+    if path.count(".") >= DEEPEST:
+        raise ExperimentError(f"'{cut(path)}' is nested deeper than {DEEPEST} levels")
     try:
-        return path, tomllib.loads(f"v = {value}")["v"]
+        return path, _toml(f"v = {value}")["v"]
     except _NOT_TOML:
         return path, value
 
@@ -157,7 +169,7 @@ def _table_in(file: str, path: str) -> tuple[Tree, int]:
     for key in path.split("."):
         table = table.get(key) if isinstance(table, dict) else None
     if not isinstance(table, dict):
-        raise ExperimentError(f"{file} has no table [{path}]")
+        raise ExperimentError(f"{cut(file, 200)} has no table [{cut(path)}]")
     return table, version
 
 
@@ -171,6 +183,8 @@ def put(tree: Tree, path: str, value: Any) -> None:
         for inner, leaf in _leaves(value, f"{path}."):
             put(tree, inner, leaf)
         return
+    if "." not in path and path not in tree:
+        raise unknown_field(path, tree, [p for p, _ in _leaves(tree) if p.rpartition(".")[2] == path])
     _put(tree, Experiment, path.split("."), value, path)
 
 
@@ -181,9 +195,7 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
     if key == OWN:
         refuse_own({OWN: value}, ".".join(table))
     if key not in known:
-        raise ExperimentError(
-            f"unknown field {instead('.'.join([*table, key]), ['.'.join([*table, k]) for k in known])}"
-        )
+        raise unknown_field(".".join([*table, key]), known)
     info = known[key]
     match info.family:
         case EachOf():
@@ -199,7 +211,7 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 refuse_own(node[key], ".".join([*table, key]))
                 _put(node[key], kinds[node[key]["kind"]], rest, value, path)
             else:
-                raise ExperimentError(f"{path} = {value!r} names no {key}. Available: {', '.join(kinds)}")
+                raise ExperimentError(f"{path} = {reprlib.repr(value)} names no {key}. {listing(kinds)}")
         case None if isinstance(info.type, type) and is_dataclass(info.type):
             if not rest:
                 raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(fields_of(info.type))}")
@@ -208,7 +220,7 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
         case None:
             if rest:
                 raise ExperimentError(
-                    f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{rest[0]}'"
+                    f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{cut(rest[0])}'"
                 )
             node[key] = _rows(value, info.columns, path) if info.columns and isinstance(value, str) else value
 
@@ -216,22 +228,27 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
 def _rows(file: str, columns: tuple[str, ...], path: str) -> list[list[float]]:
     """The rows of a CSV file: its content becomes part of the experiment, so that a log flies without the file."""
     line = 1
+    if not Path(file).is_file():
+        raise ExperimentError(f"{path}: cannot read {cut(Path(file).absolute(), 200)}: there is no such file")
     try:
         with Path(file).open(encoding="utf-8-sig", newline="") as text:
             table = csv.DictReader(text, skipinitialspace=True, strict=True)
             missing = [column for column in columns if column not in (table.fieldnames or ())]
             if missing:
                 raise ExperimentError(
-                    f"{path}: {file} has no column {missing[0]}; its first line has to name {', '.join(columns)}"
+                    f"{path}: {cut(file, 200)} has no column {missing[0]}; its first line has to name"
+                    f" {', '.join(columns)}"
                 )
             rows: list[list[float]] = []
             for row in table:
                 line = table.line_num
                 rows.append([float(row[column] or "") for column in columns])
     except OSError as error:
-        raise ExperimentError(f"{path}: cannot read {Path(file).absolute()}: {error.strerror}") from None
+        raise ExperimentError(f"{path}: cannot read {cut(Path(file).absolute(), 200)}: {error.strerror}") from None
     except (ValueError, csv.Error) as error:
-        raise ExperimentError(f"{path}: {file}, line {line} is not a row of numbers: {error}") from None
+        raise ExperimentError(
+            f"{path}: {cut(file, 200)}, line {line} is not a row of numbers: {cut(error, 100)}"
+        ) from None
     return rows
 
 
@@ -253,11 +270,11 @@ def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str
     if kind not in kinds and not (value == "off" and name in node):
         raise ExperimentError(
             f"unknown {table} {instead(name, {**kinds, **node})}; to add one with a name of its own, write its kind:"
-            f" {table}.{name}=KIND"
+            f" {table}.NAME=KIND"
         )
     if not rest and value not in ("on", "off"):
         raise ExperimentError(
-            f"{path} = {value!r}: write on, off, or one of its fields: {', '.join(fields_of(kinds[kind]))}"
+            f"{path} = {reprlib.repr(value)}: write on, off, or one of its fields: {', '.join(fields_of(kinds[kind]))}"
         )
     if value == "off" and not rest:
         node.pop(name, None)

@@ -6,7 +6,8 @@ faults are tables by their name, which is their kind where nothing else is said.
 
 import json
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from difflib import get_close_matches
 from typing import Any, get_args
 
 from controllers.markers import EachOf, Named, by_name, checked_name
@@ -15,7 +16,7 @@ from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import FieldInfo, fields_of
 from heli_twin.experiment.own import OWN, own_class, refuse_own
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past
-from heli_twin.experiment.values import ExperimentError, checked_value, instead, plain
+from heli_twin.experiment.values import ExperimentError, check_size, checked_value, cut, instead, listing, plain
 
 
 def tree_of(experiment: Experiment) -> Tree:
@@ -78,11 +79,11 @@ def spec_of(spec: type, tree: Any) -> Any:
 
 def _spec(spec: type, tree: Any, here: str) -> Any:
     if not isinstance(tree, dict):
-        raise ExperimentError(f"{here[:-1]} = {tree!r} is not a table")
+        raise ExperimentError(f"{here[:-1]} = {reprlib.repr(tree)} is not a table")
     known = fields_of(spec)
     unknown = next((key for key in tree if key not in known), None)
     if unknown is not None:
-        raise ExperimentError(f"unknown field {instead(here + unknown, [here + k for k in known])}")
+        raise unknown_field(here + unknown, known)
     values = {}
     for name, value in tree.items():
         info, path = known[name], here + name
@@ -90,7 +91,7 @@ def _spec(spec: type, tree: Any, here: str) -> Any:
             values[name] = checked_value(info, value, path, spec)
             continue
         if not isinstance(value, dict):
-            raise ExperimentError(f"{path} = {value!r} is not a table")
+            raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a table")
         refuse_own(value, path)
         if info.family is None:
             values[name] = _spec(info.type, value, f"{path}.")
@@ -104,6 +105,21 @@ def _spec(spec: type, tree: Any, here: str) -> Any:
         return spec(**values)
     except ValueError as error:
         raise ExperimentError(f"{here}{error}") from None
+
+
+def unknown_field(path: str, known: Iterable[str], elsewhere: Sequence[str] = ()) -> ExperimentError:
+    """The error for a path that names no field.
+
+    Args:
+        path: Dotted path.
+        known: The fields that there are in its table.
+        elsewhere: Dotted paths of fields of this name in other tables.
+    """
+    table, _, name = path.rpartition(".")
+    here = f"{table}." if table else ""
+    near = [here + k for k in get_close_matches(cut(name), known, n=1, cutoff=0.5)]
+    hint = f"did you mean '{[*elsewhere, *near][0]}'? " if near or elsewhere else ""
+    return ExperimentError(f"unknown field '{cut(path, 100)}': {hint}{listing(known)}")
 
 
 def _each(kinds: dict[str, type], name: str, table: Any, path: str) -> Any:
@@ -139,7 +155,7 @@ def kind_under(name: str, kind: Any, kinds: dict[str, type], path: str) -> str:
 
 def _known(kind: Any, kinds: dict[str, type], family: str) -> str:
     if not isinstance(kind, str) or kind not in kinds:
-        raise ExperimentError(f"unknown {family} {instead(kind, kinds)}")
+        raise ExperimentError(f"unknown {cut(family)} {instead(kind, kinds)}")
     return kind
 
 
@@ -158,6 +174,7 @@ def parsed(text: str) -> Tree:
     """
     try:
         tree = json.loads(text)
+        check_size(tree)
     except (ValueError, RecursionError) as error:
         raise ExperimentError(f"the experiment is not valid JSON: {error}") from None
     if not isinstance(tree, dict):

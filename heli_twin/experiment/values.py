@@ -20,10 +20,41 @@ class ExperimentError(HeliTwinError):
 
 
 def instead(wrong: Any, known: Iterable[str]) -> str:
-    """`'wrong': did you mean 'right'? Available: ...`."""
-    known = list(known)
-    near = get_close_matches(str(wrong), known, n=1, cutoff=0.5)
-    return f"'{wrong}': " + (f"did you mean '{near[0]}'? " if near else "") + f"Available: {', '.join(known)}"
+    """`'wrong': did you mean 'right'? Available: ...`, both cut to a readable length."""
+    known, wrong = list(known), cut(wrong)
+    near = get_close_matches(wrong, known, n=1, cutoff=0.5)
+    return f"'{wrong}': " + (f"did you mean '{near[0]}'? " if near else "") + listing(known)
+
+
+def listing(known: Iterable[str]) -> str:
+    """`Available: ...`."""
+    return f"Available: {cut(', '.join(known), 260)}"
+
+
+def cut(text: Any, length: int = 80) -> str:
+    """A text of a user as an error repeats it: not longer than a person reads."""
+    text = str(text) if not isinstance(text, int) else reprlib.repr(text) if abs(text) < 2**63 else "a huge number"
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+def check_size(value: Any) -> None:
+    """Refuse nested tables and lists that nothing of an experiment needs.
+
+    Raises:
+        ValueError: They are nested deeper than `DEEPEST`, or an integer has more than 64 bits.
+    """
+    level = [value]
+    for _ in range(DEEPEST):
+        if any(type(inner) is int and abs(inner) >= 2**63 for inner in level):
+            raise ValueError("an integer has more than 64 bits")
+        level = [x for v in level if isinstance(v, dict | list) for x in (v.values() if isinstance(v, dict) else v)]
+        if not level:
+            return
+    raise ValueError(f"it is nested deeper than {DEEPEST} levels")
+
+
+DEEPEST = 40
+"""Levels of tables and lists; an experiment has about eight."""
 
 
 def plain(value: Any) -> Any:
@@ -46,6 +77,8 @@ def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
         ExperimentError: Names the field, its value, the limit and the default.
     """
     assert info.adapter is not None
+    if any(type(v) is int and abs(v) >= 2**63 for v in _leaves_of(value)):
+        raise ExperimentError(f"{path} has an integer of more than 64 bits; {_default(info, spec, path)}")
     if any(isinstance(v, float) and not math.isfinite(v) for v in _leaves_of(value)):
         raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a finite number; {_default(info, spec, path)}")
     try:

@@ -137,7 +137,7 @@ def test_a_part_from_a_file_of_an_older_version_gets_the_past_and_the_rest_today
     assert read == load(None, ["plant.mass=0.031", "plant.drag_z=0.01"])
 
 
-@pytest.mark.parametrize("version", ["0", "-1", "2.5", "'3'", "true", str(PHYSICS_VERSION + 1), "9" * 400])
+@pytest.mark.parametrize("version", ["0", "-1", "2.5", "'3'", "true", str(PHYSICS_VERSION + 1), "9" * 18])
 def test_a_file_of_a_version_that_nobody_knows_is_refused(version: str, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(f"physics = {version}\n")

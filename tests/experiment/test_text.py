@@ -8,6 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from controllers.markers import EachOf, OneOf
+from heli_twin.cli import main
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import fields_of
@@ -204,11 +205,28 @@ def test_a_misspelt_field_is_refused_with_what_there_is(path):
     wrong = f"{table}.{name}x".lstrip(".")
     text = refusal(f"{wrong}=1")
     assert text.startswith(f"unknown field '{wrong}': did you mean '")
-    assert path in text.partition("Available: ")[2].split(", ")
+    assert name in text.partition("Available: ")[2].split(", ") or text.endswith("...")
+    assert len(text) < 500
 
 
 REFUSALS = {
     "unknown field 'trajectroy': did you mean 'trajectory'? Available: seed, duration, ": ["trajectroy.kind=circle"],
+    "unknown field 'mass': did you mean 'plant.mass'? Available: seed, ": ["mass=0.03"],
+    "unknown field 'radius': did you mean 'trajectory.radius'? Available: seed, ": ["radius=0.3"],
+    "trajectory starts at x 3, y 0, z 1 m, outside the volume: volume.half_width = 2.5 m, ": [
+        "trajectory.radius=3",
+        "trajectory.rate=0.1",
+    ],
+    "trajectory starts at x 0.5, y 0, z 1 m, outside the volume: volume.half_width = 2.5 m, volume.height = 0.9 m": [
+        "volume.height=0.9"
+    ],
+    "controller.model: the helicopter is believed too heavy to hover: it needs u_z = 0.545 ": [
+        "controller.model.u_z_max=0.5"
+    ],
+    "trajectory.flight is a take-off and landing again: choose any other": [
+        "trajectory=takeoff_and_landing",
+        "trajectory.flight=takeoff_and_landing",
+    ],
     "unknown field 'plant.masss': did you mean 'plant.mass'?": ["plant.masss=0.03"],
     "unknown field 'controller.model.b_w': did you mean 'controller.model.b_": ["controller.model.b_w=2"],
     "unknown trajectory 'cirle': did you mean 'circle'?": ["trajectory=cirle"],
@@ -358,3 +376,56 @@ def test_any_override_is_an_experiment_or_an_experiment_error(path, value):
 def test_json_that_is_no_experiment_is_refused(text):
     with pytest.raises(ExperimentError):
         from_json(text)
+
+
+def test_a_need_just_above_the_limit_is_not_printed_as_the_limit():
+    text = refusal("trajectory.rate=2", "trajectory.radius=0.5", "controller.model.vx_max=0.9999999")
+    needed, limit = text.partition("forward speed vx = ")[2].split(" m/s, the limit is ")
+    assert float(needed) > float(limit.split()[0])
+
+
+HOSTILE = {
+    "digits": "duration = " + "9" * 5000,
+    "hex": "duration = 0x" + "f" * 9000,
+    "brackets": "duration = " + "[" * 3000 + "]" * 3000,
+    "levels": "radio.levels = " + "9" * 400,
+    "seed": "seed = -" + "9" * 400,
+    "dots": ".".join(["a"] * 2000) + " = 1",
+    "flights": "trajectory." + "flight." * 2000 + "kind = 'takeoff_and_landing'",
+    "braces": "plant = " + "{a=" * 2000 + "1" + "}" * 2000,
+    "name": "n" * 300 + " = 1",
+    "deep name": "plant." + "n" * 300 + " = 1",
+    "member": "disturbances." + "n" * 300 + " = 'gust'",
+    "kind": "plant.kind = '" + "n" * 3000 + "'",
+    "text": "duration = '" + "n" * 100_000 + "'",
+    "choice": "controller.coupling = '" + "n" * 100_000 + "'",
+    "list": "controller.Q = [" + "1," * 100_000 + "]",
+    "infinite": "plant.mass = 1e999",
+    "huge": "trajectory.radius = 1e308",
+    "table": "plant = [{kind = 'ideal'}]",
+    "rows": "trajectory = {kind = 'csv', rows = '/dev/zero'}",
+    "long file": "trajectory = {kind = 'csv', rows = '" + "n" * 3000 + "'}",
+    "points": "trajectory = {kind = 'waypoints', points = [[1e308, 0, 1, 0], [-1e308, 0, 1, 0]]}",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_text_is_one_short_sentence_as_override_and_in_a_file(name, tmp_path, capsys):
+    file = tmp_path / "mine.toml"
+    file.write_text(HOSTILE[name])
+    path, _, value = HOSTILE[name].partition(" = ")
+    for words in ([f"{path}={value}"], [str(file)]):
+        assert main(["fly", *words, "--no-log"]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        assert len(said) < 500
+        assert said.startswith("heli-twin: ")
+
+
+def test_a_takeoff_30_deep_is_refused_at_once(tmp_path):
+    file = tmp_path / "nested.toml"
+    inner = "{kind='hover'}"
+    for _ in range(30):
+        inner = f"{{kind='takeoff_and_landing',flight={inner}}}"
+    file.write_text(f"trajectory={inner}")
+    assert "flight is a take-off and landing again" in refusal(source=str(file))
