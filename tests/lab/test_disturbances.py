@@ -13,7 +13,11 @@ from heli_twin.experiment.tree import tree_of
 from heli_twin.lab import disturbances
 from heli_twin.lab.disturbances import together
 from heli_twin.lab.disturbances.bias import Bias
+from heli_twin.lab.disturbances.doorway_jet import DoorwayJet
 from heli_twin.lab.disturbances.gust import Gust
+from heli_twin.lab.disturbances.mean_wind import MeanWind
+from heli_twin.lab.disturbances.vertical_gust import VerticalGust
+from heli_twin.lab.disturbances.wind_shear import WindShear
 from heli_twin.lab.plant import STILL_AIR, Air
 from heli_twin.lab.plant.ideal import Ideal
 
@@ -135,3 +139,45 @@ def test_together_winds_and_pushes_add_up_and_factors_multiply():
 def test_updates_are_as_often_as_the_default_control_period():
     """A gust that changed within a control period would be smoothed by nobody and seen by nobody."""
     assert round(LtvMpc().period * 1e9) == disturbances.PERIOD_NS
+
+
+# --- winds that are steady, or depend on the place --------------------------------------------------------------------
+
+
+def wind_at(spec, *position):
+    truth = HELICOPTER.truth()._replace(position=np.array(position, float))
+    return spec.start(np.random.default_rng(0)).air(truth).wind
+
+
+def test_a_mean_wind_is_the_same_everywhere():
+    spec = MeanWind(x=0.3, y=-0.2, z=0.1)
+    for place in ((0, 0, 1), (2, -1, 0.3)):
+        np.testing.assert_array_equal(wind_at(spec, *place), [0.3, -0.2, 0.1])
+
+
+@given(st.floats(0, 3), st.floats(-3, 3))
+def test_shear_grows_with_height(height, direction):
+    wind = wind_at(WindShear(gradient=0.4, direction=direction), 1.0, -1.0, height)
+    np.testing.assert_allclose(wind, 0.4 * height * np.array([np.cos(direction), np.sin(direction), 0]), atol=1e-12)
+    assert not wind_at(WindShear(gradient=0.4), 0, 0, -0.1).any()
+
+
+def test_a_vertical_gust_is_vertical_and_as_strong_as_is_said():
+    gust, truth = VerticalGust(strength=0.2, time=0.1).start(np.random.default_rng(0)), HELICOPTER.truth()
+    wind = np.array([gust.air(truth).wind for _ in range(20_000)])
+    assert not wind[:, :2].any()
+    # Four deviations of a variance from the independent pieces of 400 s.
+    assert (wind[:, 2] ** 2).mean() == pytest.approx(0.04, rel=4 * np.sqrt(2 / 2000))
+
+
+def test_a_jet_blows_at_the_door_spreads_and_keeps_its_momentum():
+    jet = DoorwayJet(x=0.0, y=0.0, z=1.0, direction=np.pi / 2, speed=0.8, width=0.3)
+    np.testing.assert_allclose(wind_at(jet, 0, 0, 1), [0, 0.8, 0], atol=1e-12)
+    assert not wind_at(jet, 0, -0.01, 1).any()
+    # One width beside the axis: 37 %, and beyond it next to nothing.
+    assert wind_at(jet, 0.3, 0, 1)[1] == pytest.approx(0.8 * np.exp(-1))
+    assert wind_at(jet, 0, 0, 2.0)[1] < 1e-4
+    # The momentum flux, the integral of the squared speed over a cross-section, is the same near and far.
+    r = np.linspace(0, 5, 2001)
+    near, far = (np.array([wind_at(jet, x, s, 1)[1] for x in r]) for s in (0.0, 3.0))
+    assert np.trapezoid(near**2 * r, r) == pytest.approx(np.trapezoid(far**2 * r, r), rel=1e-4)

@@ -29,16 +29,27 @@ class Gust:
         return GustInFlight(self, rng)
 
 
+class OrnsteinUhlenbeck:
+    """A stationary process of some dimensions, sampled every `PERIOD_NS`."""
+
+    def __init__(self, strength: float, time: float, dimensions: int, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._decay = exp(-1e-9 * PERIOD_NS / time)
+        self._step_deviation = strength * sqrt(1.0 - self._decay**2)
+        self._value: Array = strength * rng.standard_normal(dimensions)
+
+    def next(self) -> Array:
+        """Return its value (dimensions,) one period later."""
+        self._value = self._decay * self._value + self._step_deviation * self._rng.standard_normal(len(self._value))
+        return self._value
+
+
 class GustInFlight:
     """The wind of one flight."""
 
     def __init__(self, spec: Gust, rng: np.random.Generator) -> None:
-        self._rng = rng
-        self._decay = exp(-1e-9 * PERIOD_NS / spec.time)
-        self._step_deviation = spec.strength * sqrt(1.0 - self._decay**2)
-        self._wind: Array = spec.strength * rng.standard_normal(2)
+        self._process = OrnsteinUhlenbeck(spec.strength, spec.time, 2, rng)
 
     def air(self, truth: Truth) -> Air:
         """Return the wind of the next period."""
-        self._wind = self._decay * self._wind + self._step_deviation * self._rng.standard_normal(2)
-        return Air(np.array([*self._wind, 0.0]), np.zeros(3))
+        return Air(np.array([*self._process.next(), 0.0]), np.zeros(3))

@@ -14,6 +14,8 @@ from heli_twin.lab.plant.effects.ground_effect import GroundEffect
 from heli_twin.lab.plant.effects.hub_drag import HubDrag
 from heli_twin.lab.plant.effects.rotor_speed import RotorSpeed
 from heli_twin.lab.plant.effects.servo import Servo
+from heli_twin.lab.plant.effects.spool_up import SpoolUp
+from heli_twin.lab.plant.effects.stabiliser_bar import StabiliserBar
 from heli_twin.lab.plant.effects.thrust_yaw_coupling import ThrustYawCoupling
 from heli_twin.lab.plant.mujoco import MuJoCo
 
@@ -76,7 +78,7 @@ class TestEveryEffect:
 
     def test_changes_a_flight_and_the_same_way_each_time(self, kind):
         plain, first, again = (
-            MuJoCo(effects=effects).start(at(0.1)) for effects in ((), (FAMILY[kind](),), (FAMILY[kind](),))
+            MuJoCo(effects=effects).start(at(0.046)) for effects in ((), (FAMILY[kind](),), (FAMILY[kind](),))
         )
         throttle = np.array([0, 0, 0.3, 0])
         for k, u in enumerate(wobbly(50) + throttle, 1):
@@ -307,3 +309,35 @@ def test_without_effects_nothing_changes():
 def test_two_effects_of_one_kind_are_refused():
     with pytest.raises(ValueError, match="two of the kind 'hub_drag'"):
         MuJoCo(effects=(HubDrag(), HubDrag(height=0.03)))
+
+
+# --- stabiliser bar and spool-up --------------------------------------------------------------------------------------
+
+
+def test_with_a_stabiliser_bar_a_held_stick_tilts_on():
+    plant, pitch = twin(StabiliserBar(share=1.0, following_time=0.5), x=at(50.0)), []
+    for k in (1, 2):
+        plant.advance(k * SECOND, HOVER + np.array([0.1, 0, 0, 0]), STILL_AIR)
+        pitch.append(2 * np.arcsin(plant.truth().quat_wxyz[2]))
+    # Stick against spring and damper: t - b = gain s - 2 zeta / w t', and t' = b' = (t - b) / following_time.
+    rate = NOMINAL.pitch_gain * 0.1 / (0.5 + 2 * 0.5 / 14.0)
+    # The attitude's own transient, exp(-7 * 1), and the square of the tilt.
+    assert pitch[1] - pitch[0] == pytest.approx(rate, rel=0.01)
+
+
+def test_a_slow_bar_is_the_level_at_first():
+    plain, barred = NOMINAL.start(at(50.0)), twin(StabiliserBar(share=1.0, following_time=20.0), x=at(50.0))
+    for plant in (plain, barred):
+        plant.advance(500 * MS, HOVER + np.array([0.1, 0.1, 0, 0]), STILL_AIR)
+    # Half a second of 20.
+    np.testing.assert_allclose(barred.truth().quat_wxyz[1:3], plain.truth().quat_wxyz[1:3], rtol=0.03)
+
+
+def test_on_the_floor_the_rotors_stand_until_the_first_command():
+    plant = twin(SpoolUp(), x=at(0.045))
+    assert plant.truth().touching
+    assert trim_of(plant)[2] == 0.0
+    plant.advance(60 * MS, HOVER, STILL_AIR)
+    # 58 ms after the delay of 2 ms, with a lag of 60 ms.
+    assert trim_of(plant)[2] == pytest.approx(HOVER[2] * (1 - np.exp(-58 / 60)), rel=1e-9)
+    assert trim_of(twin(SpoolUp(), x=at(1.0)))[2] == HOVER[2]

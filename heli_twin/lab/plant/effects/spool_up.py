@@ -1,0 +1,28 @@
+"""On the floor the rotors stand still until the first command."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from annotated_types import Ge, Le, Unit, doc
+
+from heli_twin.lab.plant.effects import Physics, Updates
+
+
+@dataclass(frozen=True, slots=True)
+class SpoolUp:
+    """A flight that begins on the floor begins with stopped rotors; they spool up with the thrust lag.
+
+    Without this effect a flight begins in the trim of hovering, on the floor too.
+    """
+
+    kind: Literal["spool_up"] = "spool_up"
+    height: Annotated[float, Ge(0), Le(1), Unit("m"), doc("centre of gravity below which it stands")] = 0.05
+
+    def build(self, model: Any) -> None:
+        """Add nothing to the model."""
+
+    def start(self, physics: Physics) -> Updates:
+        """Stop the rotors of a helicopter that stands."""
+        if physics.data.qpos[2] < self.height:
+            physics.trim[2] = 0.0
+        return Updates()
