@@ -53,6 +53,8 @@ def check_size(value: Any) -> None:
     raise ValueError(f"it is nested deeper than {DEEPEST} levels")
 
 
+LARGEST = 1e12
+"""Numbers of an experiment are smaller than this in any of its units, so that their squares and products are finite."""
 DEEPEST = 40
 """Levels of tables and lists; an experiment has about eight."""
 
@@ -81,6 +83,10 @@ def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
         raise ExperimentError(f"{path} has an integer of more than 64 bits; {_default(info, spec, path)}")
     if any(isinstance(v, float) and not math.isfinite(v) for v in _leaves_of(value)):
         raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a finite number; {_default(info, spec, path)}")
+    if any(isinstance(v, float) and abs(v) > LARGEST for v in _leaves_of(value)):
+        raise ExperimentError(
+            f"{path} = {reprlib.repr(value)}: it must be at most {LARGEST:g}; {_default(info, spec, path)}"
+        )
     try:
         return info.adapter.validate_json(json.dumps(value, default=str), strict=True)
     except ValidationError as errors:
