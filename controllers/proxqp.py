@@ -1,6 +1,7 @@
 """The door to ProxSuite: dense ProxQP with bounded iterations, first with hard, then with softened velocity bounds."""
 
 import sys
+import warnings
 from functools import cached_property
 from math import isfinite
 from time import perf_counter_ns
@@ -15,11 +16,26 @@ from controllers.signals import Array
 # ProxSuite comes in three builds and takes the widest vectors that the processor has. The two wide ones sum in an
 # order that depends on where malloc, which aligns to 16 bytes, has put their workspace: two flights of one experiment
 # in one process differed in their last digits. The plain build does not, on any processor, for 0.02 ms a solve.
+# A process can load one build only, so that it is the caller's choice if ProxSuite was imported before.
 _cpu = ModuleType("proxsuite.instructionset")
 vars(_cpu).update(has_AVX512F=lambda: False, has_AVX2=lambda: False)
 sys.modules.setdefault(_cpu.__name__, _cpu)
 
 from proxsuite import proxqp  # noqa: E402
+
+if sys.modules[_cpu.__name__] is _cpu:
+    del sys.modules[_cpu.__name__]
+
+BUILD: str = proxqp.__name__.split(".")[1].removeprefix("proxsuite_pywrap").strip("_") or "plain"
+"""The build of ProxSuite that runs: `plain`, `avx2` or `avx512`."""
+BUILD_TROUBLE = ""
+"""One sentence if another build than the plain one runs."""
+if BUILD != "plain":
+    BUILD_TROUBLE = (
+        f"ProxSuite was imported before heli_twin and runs its {BUILD} build, whose last digits depend on memory"
+        " addresses: the same experiment can give another flight digest; import heli_twin first"
+    )
+    warnings.warn(BUILD_TROUBLE, RuntimeWarning, stacklevel=2)
 
 ACTIVE_MULTIPLIER = 1e-9
 """Smallest multiplier of an active bound; ProxQP leaves rounding errors below it on inactive ones."""
@@ -121,9 +137,10 @@ def _out_of_reach(qp: CondensedQp, m: int) -> bool:
 
     That is the usual reason why a QP is infeasible (the helicopter is too fast), and costs less than a futile attempt.
     """
-    v_low, v_high, C, low, high = qp.v_low[:m], qp.v_high[:m], qp.C[:m, :m], qp.u_low[:m], qp.u_high[:m]
-    if v_low.max() <= 0.0 <= v_high.min():
+    v_low, v_high = qp.v_low[:m], qp.v_high[:m]
+    if max(v_low.tolist()) <= 0.0 <= min(v_high.tolist()):
         return False
+    C, low, high = qp.C[:m, :m], qp.u_low[:m], qp.u_high[:m]
     middle, reach = C @ (0.5 * (low + high)), np.abs(C) @ (0.5 * (high - low))
     return bool((middle - reach > v_high).any() or (middle + reach < v_low).any())
 
@@ -142,7 +159,8 @@ class _Solver:
         settings.initial_guess = proxqp.EQUALITY_CONSTRAINED_INITIAL_GUESS
         self._largest = eps / np.finfo(float).eps
         self._qp.init(sample.H, sample.g, None, None, sample.C, *sample[3:])
-        self._last = sample
+        # The matrices that ProxQP has read last; the same arrays again are not read again.
+        self._H = self._C = np.empty(0)
         self.iterations = 0
         """Newton iterations of the last call."""
 
@@ -153,13 +171,11 @@ class _Solver:
         its iterations, which take up to seconds.
         """
         self.iterations = 0
-        if not (qp.H.diagonal().max() < self._largest and np.abs(qp.g).max() < self._largest):
+        is_new = qp.H is not self._H or qp.C is not self._C
+        if (is_new and not qp.H.diagonal().max() < self._largest) or not np.abs(qp.g).max() < self._largest:
             return False
-        last, self._last = self._last, qp
-        if qp.H is last.H and qp.C is last.C:
-            self._qp.update(None, qp.g, None, None, None, *qp[3:])
-        else:
-            self._qp.update(qp.H, qp.g, None, None, qp.C, *qp[3:])
+        self._H, self._C = qp.H, qp.C
+        self._qp.update(qp.H if is_new else None, qp.g, None, None, qp.C if is_new else None, *qp[3:])
         self._qp.solve()
         self.iterations = self.info.iter
         return self.info.status == proxqp.PROXQP_SOLVED and isfinite(self.info.objValue)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_info
 
+from controllers.proxqp import BUILD
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
@@ -41,6 +42,7 @@ def provenance() -> dict[str, str]:
     }
     found["cpu"] = _cpu()
     found["vectors"] = _vectors()
+    found["proxsuite_build"] = BUILD
     found["processes"] = str(os.cpu_count())
     found["git_commit"] = _git_commit()
     return found | _versions()

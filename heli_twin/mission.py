@@ -14,6 +14,7 @@ import numpy as np
 
 from controllers.errors import InfeasibleTrajectory
 from controllers.flatness import state
+from controllers.proxqp import BUILD_TROUBLE
 from controllers.reference import check_feasible
 from controllers.signals import nanoseconds
 from heli_twin.experiment import Experiment
@@ -51,6 +52,9 @@ class Result:
     log_trouble: str = ""
     """Why no log was kept although one was wanted, one sentence; the flight and its metrics are whole all the same."""
 
+    solver_trouble: str = ""
+    """Why the digest may not be repeatable on this machine, one sentence: see `controllers.proxqp.BUILD_TROUBLE`."""
+
     @cached_property
     def log(self) -> Log:
         """Everything that was recorded, read back when it is asked for."""
@@ -66,6 +70,7 @@ class Result:
             "real_time_factor": self.real_time_factor,
             "log": str(self.path) if self.path else None,
             "log_trouble": self.log_trouble or None,
+            "solver_trouble": self.solver_trouble or None,
             "flight_digest": self.flight_digest,
         }
 
@@ -101,7 +106,7 @@ def fly(
         recorder.close(outcome.kind, outcome.time, text=outcome.text)
     data = recorder.stream.getvalue() if recorder.stream else None
     factor = 1e-9 * outcome.time / took
-    return Result(experiment, outcome, recorder.path, recorder.digest, factor, data, recorder.trouble)
+    return Result(experiment, outcome, recorder.path, recorder.digest, factor, data, recorder.trouble, BUILD_TROUBLE)
 
 
 def checked(experiment: Experiment) -> Experiment:
