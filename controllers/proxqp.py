@@ -160,7 +160,8 @@ class _Solver:
         self._largest = eps / np.finfo(float).eps
         self._qp.init(sample.H, sample.g, None, None, sample.C, *sample[3:])
         # The matrices that ProxQP has read last; the same arrays again are not read again.
-        self._H = self._C = np.empty(0)
+        self._H: Array = np.empty(0)
+        self._C: Array = self._H
         self.iterations = 0
         """Newton iterations of the last call."""
 
