@@ -131,6 +131,7 @@ class Condenser:
         return H
 
 
+@np.errstate(all="ignore")
 def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:
     """Return the infinite-horizon cost-to-go P (n, n) of a constant model: a terminal weight that ensures stability.
 
@@ -142,6 +143,9 @@ def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:
         Q: (10, 10) state weight.
         R: (4, 4) input weight.
 
+    Raises:
+        ValueError: There is no stabilising solution, or it overflows.
+
     Source: Mayne et al., Automatica 2000 (the paper's [15]); Chu, Fan, Lin, Wang, SIAM J. Matrix Anal. 2004.
     """
     eye = np.eye(len(A))
@@ -150,7 +154,7 @@ def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:
         W = np.linalg.inv(eye + G @ P)
         P_next = P + A.T @ P @ W @ A
         G, A = G + A @ W @ G @ A.T, A @ W @ A
-        if np.abs(P_next - P).max() <= 1e-12 * np.abs(P_next).max():
+        if np.abs(P_next - P).max() <= 1e-12 * np.abs(P_next).max() < np.inf:
             return 0.5 * (P_next + P_next.T)
         P = P_next
-    raise ValueError("the Riccati equation has no stabilising solution for this model")
+    raise ValueError("the Riccati equation has no stabilising solution")

@@ -46,6 +46,7 @@ class ReferencePreview:
         self._first, self._x, self._u = first, state(flat), feed_forward(self._model, flat)
 
 
+@np.errstate(all="ignore")
 def check_feasible(trajectory: Trajectory, model: Model, duration: float, period: float) -> None:
     """Refuse a trajectory whose feed-forward leaves the believed input or velocity limits, (28) and (29).
 

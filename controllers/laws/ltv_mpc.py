@@ -21,7 +21,10 @@ InputWeight = Annotated[float, Gt(0)]
 
 @dataclass(frozen=True, slots=True)
 class LtvMpc:
-    """LTV-MPC with the paper's horizon and weights (30)."""
+    """LTV-MPC with the paper's horizon and weights (30).
+
+    The Riccati terminal weight leaves out integral states that have no gain `k_i` or no weight in Q.
+    """
 
     kind: Literal["ltv_mpc"] = "ltv_mpc"
     period: Annotated[float, Ge(0.001), Le(0.2), Unit("s"), doc("control period T_s")] = 0.02
@@ -41,6 +44,21 @@ class LtvMpc:
         tuple[InputWeight, InputWeight, InputWeight, InputWeight], doc("input weights: pitch, roll, thrust, yaw")
     ] = (2.0, 2.0, 2.0, 2.0)
     model: Annotated[Model, doc("the helicopter as the controller believes it")] = field(default_factory=Model)
+
+    def __post_init__(self) -> None:
+        """Refuse a terminal weight that does not exist.
+
+        Raises:
+            ValueError: The Riccati equation has no solution in double precision.
+        """
+        if self.terminal == "riccati":
+            try:
+                _sqrt_riccati_weight(self)
+            except ValueError as error:
+                raise ValueError(
+                    f"terminal = 'riccati' does not exist for these Q, R and k_i = {self.k_i}: {error};"
+                    " choose them nearer to their defaults, or terminal = 'paper'"
+                ) from None
 
     @property
     def steps(self) -> int:
@@ -63,10 +81,7 @@ class LtvMpcController:
         Q = np.diag(spec.Q)
         self._weights = Weights(np.sqrt(np.array(spec.Q)), np.array(spec.R), np.sqrt(Q))
         if spec.terminal == "riccati":
-            level = Linearisation(model, spec.k_i, spec.period, "removed", spec.discretisation)
-            A, B = level.discretise(*level.jacobians(np.zeros((1, len(Q)))))
-            P = riccati_terminal_weight(A[0], B[0], Q, np.diag(spec.R))
-            self._weights = self._weights._replace(sqrt_Qf=np.linalg.cholesky(P).T)
+            self._weights = self._weights._replace(sqrt_Qf=_sqrt_riccati_weight(spec))
         at_rest, u_hover = np.zeros((spec.steps + 1, len(Q))), np.tile(model.u_hover, (spec.steps, 1))
         hover = self._linearise(at_rest[0], u_hover, at_rest[:, :2])
         subsystems = SUBSYSTEMS[spec.coupling]
@@ -162,6 +177,20 @@ class _Problem:
         self.condenser = Condenser(len(hover.A), limits, subsystem)
         sample = self.condenser(hover, self.weights, np.zeros_like(hover.x_nominal), np.zeros_like(hover.u_nominal))
         self.solver = ProxQp(sample, len(subsystem.inputs))
+
+
+def _sqrt_riccati_weight(spec: LtvMpc) -> Array:
+    """Symmetric root (10, 10) of the Riccati terminal weight at yaw = 0.
+
+    With k_i = 0 the integral states are constant and no input reaches them: they are left out, as if their weights were
+    0. States that no weight sees, such as integral states with weight 0, have a terminal weight of 0.
+    """
+    model = Linearisation(spec.model, spec.k_i, spec.period, "removed", spec.discretisation)
+    A, B = model.discretise(*model.jacobians(np.zeros((1, len(spec.Q)))))
+    Q = np.array(spec.Q)
+    Q[8:] *= spec.k_i > 0.0
+    values, vectors = np.linalg.eigh(riccati_terminal_weight(A[0], B[0], np.diag(Q), np.diag(spec.R)))
+    return vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
 
 
 _CANCELLED = {"z": np.array([0.0, 0.0, 1.0, 0.0]), "all": np.ones(4)}

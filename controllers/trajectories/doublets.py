@@ -64,7 +64,7 @@ def _train(t: Array, peak: float, pulse: float, edge: float) -> tuple[Array, Arr
     h = np.diff(knots)
     v = np.concatenate([[0.0], np.cumsum(h * (a[:-1] + a[1:]) / 2)])
     p = np.concatenate([[0.0], np.cumsum(h * v[:-1] + h**2 * (2 * a[:-1] + a[1:]) / 6)])
-    p -= 0.5 * peak * (1.0 - edge) * pulse**2
+    p -= 0.5 * peak * (1.0 - edge) * pulse * pulse
     since = np.mod(t, knots[-1])
     i = np.minimum(np.searchsorted(knots, since, side="right") - 1, len(h) - 1)
     jerk = (np.diff(a) / np.maximum(h, 1e-12))[i]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import expm, null_space
+from scipy.linalg import expm, null_space, solve_discrete_are
 
 from controllers.flatness import feed_forward, state
 from controllers.laws import ltv_mpc
@@ -274,6 +274,27 @@ def test_the_riccati_weight_settles_from_afar_whatever_the_horizon(horizon):
     if horizon == 1:
         shortsighted, _ = flown(LtvMpc(horizon=horizon), Hover(yaw=1.0), 12.0, x=start)
         assert np.abs(shortsighted[-1, :4] - wanted[-1, :4]).max() > 0.1
+
+
+@pytest.mark.parametrize("spec", [LtvMpc(k_i=0.0), LtvMpc(Q=(*LtvMpc().Q[:8], 0.0, 0.0))], ids=["k_i", "Q"])
+def test_integral_states_that_cost_nothing_are_left_out_of_the_riccati_weight(spec):
+    spec = replace(spec, terminal="riccati")
+    model = Linearisation(MODEL, spec.k_i, PERIOD, "removed", "euler")
+    A, B = model.discretise(*model.jacobians(np.zeros((1, 10))))
+    P = np.zeros((10, 10))
+    P[:8, :8] = solve_discrete_are(A[0, :8, :8], B[0, :8], np.diag(spec.Q[:8]), np.diag(spec.R))
+    S = spec.start()._weights.sqrt_Qf
+    # Both solvers keep twelve digits of the largest weight, 1e4.
+    np.testing.assert_allclose(S.T @ S, P, rtol=0, atol=1e-6)
+    path, wanted = flown(spec, Hover(), 12.0, x=[0.5, -0.5, 1.2, 0.5, 0, 0, 0, 0])
+    assert np.abs(path[-1, :4] - wanted[-1, :4]).max() < 1e-3
+
+
+@pytest.mark.parametrize("change", [{"R": (1e300,) * 4}, {"Q": (1e-300,) * 10}, {"k_i": 1e300}], ids=str)
+def test_a_riccati_weight_that_does_not_exist_is_refused_in_a_sentence(change):
+    with pytest.raises(ValueError, match=r"terminal = 'riccati' does not exist for these Q, R and k_i = .*'paper'"):
+        replace(LtvMpc(terminal="riccati"), **change)
+    replace(LtvMpc(), **change)
 
 
 @pytest.mark.parametrize("coupling", ["removed", "full"])

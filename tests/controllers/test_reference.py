@@ -1,4 +1,5 @@
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from controllers.flatness import FlatOutput, feed_forward, state
 from controllers.model import Model
 from controllers.reference import ReferencePreview, check_feasible
 from controllers.trajectories.circle import Circle
+from heli_twin.experiment.families import members
 
 MS = 1_000_000
 PERIOD = 20 * MS
@@ -87,7 +89,7 @@ INFEASIBLE = {
 
 @pytest.mark.parametrize(("complaint", "trajectory"), INFEASIBLE.items(), ids=list(INFEASIBLE))
 def test_what_cannot_be_flown_is_named_with_its_time_and_limit(complaint, trajectory):
-    with np.errstate(invalid="ignore"), pytest.raises(InfeasibleTrajectory) as refusal:
+    with pytest.raises(InfeasibleTrajectory) as refusal:
         check_feasible(trajectory, Model(), 10.0, 0.02)
     assert f"at t = 3.00 s it needs {complaint}; make it slower" in str(refusal.value)
 
@@ -116,3 +118,21 @@ def test_the_believed_limits_count():
 
 def test_a_limit_may_be_reached():
     check_feasible(Moving(Z, dz=2.0), Model(), 10.0, 0.02)
+
+
+KINDS = [kind for _, kind in sorted(members("controllers.trajectories").items())]
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("extreme", [1e308, -1e308, 1e154, 5e-324])
+def test_extreme_values_are_flown_or_refused_without_a_warning(kind, extreme):
+    for field in fields(kind):
+        default = getattr(kind(), field.name)
+        if field.name in ("points", "rows"):
+            last = len(default) - 1
+            values = [(*default[:-1], (*default[last][:i], extreme, *default[last][i + 1 :])) for i in range(1, 4)]
+        else:
+            values = [extreme] if isinstance(default, float) else []
+        for value in values:
+            with suppress(InfeasibleTrajectory):
+                check_feasible(replace(kind(), **{field.name: value}), Model(), 5.0, 0.02)
