@@ -10,6 +10,8 @@ from controllers.trajectories import Trajectory, fitted
 
 _BLOCK_SAMPLES = 512
 """Samples evaluated in one call: memory does not grow with the flight, and NumPy is called rarely."""
+_FARTHEST = 1e6
+"""Limit of positions (m) and yaw (rad): beyond it, rounding errors become visible in a flight."""
 
 
 class ReferencePreview:
@@ -60,15 +62,16 @@ def check_feasible(trajectory: Trajectory, model: Model, duration: float, period
         InfeasibleTrajectory: Names the first time, the quantity, its value and the limit.
     """
     trajectory = fitted(trajectory, model)
-    low = np.array([*model.u_min, *(-v for v in model.v_max), 0.0])
-    high = np.array([*model.u_max, *model.v_max, np.inf])
+    far = _FARTHEST
+    low = np.array([*model.u_min, *(-v for v in model.v_max), -far, -far, 0.0, -far])
+    high = np.array([*model.u_max, *model.v_max, far, far, far, far])
     for start in np.arange(0.0, duration + period, _BLOCK_SAMPLES * period):
         t = start + period * np.arange(_BLOCK_SAMPLES)
         t = t[t <= duration]
         if not t.size:
             return
         flat = trajectory.flat(t)
-        needed = np.concatenate([feed_forward(model, flat), state(flat)[:, 4:], flat.z[:, 2:3]], axis=1)
+        needed = np.concatenate([feed_forward(model, flat), state(flat)[:, 4:], flat.z], axis=1)
         _refuse(t, needed, low, high)
 
 
@@ -81,7 +84,10 @@ _NAMES = (
     ("sideward speed vy", "m/s"),
     ("vertical speed vz", "m/s"),
     ("yaw rate", "rad/s"),
+    ("position x", "m"),
+    ("position y", "m"),
     ("height above the floor", "m"),
+    ("yaw", "rad"),
 )
 
 

@@ -82,6 +82,8 @@ INFEASIBLE = {
     "vertical speed vz = 2.1 m/s, the limit is 2 m/s": Moving(Z, dz=2.1),
     "yaw rate = 26 rad/s, the limit is 25 rad/s": Moving(YAW, dz=26.0, ddz=-5 * 26.0),
     "height above the floor = -0.5 m, the limit is 0 m": Moving(Z, z=-1.5),
+    "position x = inf m, the limit is 1e+06 m": Moving(X, z=np.inf),
+    "yaw = -1e+07 rad, the limit is -1e+06 rad": Moving(YAW, z=-1e7),
     "pitch input u_x = nan, the limit is 1": Moving(X, ddz=np.nan),
     "vertical speed vz = inf m/s, the limit is 2 m/s": Moving(Z, dz=np.inf),
 }
