@@ -87,7 +87,7 @@ def mutations(file: Path) -> Iterator[Mutation]:
         yield Mutation(file.relative_to(ROOT).as_posix(), row, before.strip(), after.strip(), text)
 
 
-def tests_of(file: str) -> list[str]:
+def mirrored_tests(file: str) -> list[str]:
     """The mirrored tests, from near to far: those of the module, if there are some, and those of its room."""
     path = Path(file)
     room = Path(*path.parts[int(path.parts[0] == "heli_twin") :]).parent
@@ -103,7 +103,7 @@ def survives(mutation: Mutation, copy: Path) -> bool:
     original = mutated.read_text(encoding="utf-8")
     mutated.write_text(mutation.text, encoding="utf-8")
     environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-    words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests_of(mutation.file)]
+    words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *mirrored_tests(mutation.file)]
     limit = f"ulimit -t {CPU_LIMIT_S}; exec {shlex.join(words)}"
     try:
         done = subprocess.run(["bash", "-c", limit], cwd=copy, env=environment, capture_output=True, check=False)
@@ -139,5 +139,5 @@ def test_every_mutated_module_has_tests_and_every_equivalent_mutation_is_one():
     for room in ROOMS:
         for file in [ROOT / room] if room.endswith(".py") else (ROOT / room).rglob("*.py"):
             possible |= {(mutation.file, mutation.after) for mutation in mutations(file)}
-            assert tests_of(file.relative_to(ROOT).as_posix())
+            assert mirrored_tests(file.relative_to(ROOT).as_posix())
     assert set(EQUIVALENT) <= possible
