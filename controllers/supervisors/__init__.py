@@ -1,0 +1,64 @@
+"""Supervisors: who decides whether the plan is flown. One file here is one supervisor, found by its `kind`.
+
+A supervisor sees what the ground station sees: estimates, the age of the poses in them, how control problems were
+solved, and its own commands. It never sees the truth.
+"""
+
+from typing import Literal, NamedTuple, Protocol
+
+from controllers.model import Model
+from controllers.signals import Command, Estimate, Reference
+
+Phase = Literal["ready", "flying", "coasting", "levelling", "landing", "landed"]
+
+
+class Event(NamedTuple):
+    """A change of phase."""
+
+    severity: Literal["info", "warning"]
+    phase: Phase
+    reason: str
+    """One sentence."""
+
+
+class Order(NamedTuple):
+    """What to fly in this control step."""
+
+    reference: Reference | None = None
+    """For the controller, from the estimate's stamp on; None before the first estimate."""
+    command: Command | None = None
+    """Sent instead of the controller's."""
+    event: Event | None = None
+
+
+class Supervisor(Protocol):
+    """The supervisor of one flight."""
+
+    phase: Phase
+
+    def order(self, now: int, estimate: Estimate | None, plan: Reference) -> Order:
+        """Decide what to fly.
+
+        Args:
+            now: Control time, ns.
+            estimate: The state at the time when a command of this step acts; None before the first pose.
+            plan: The planned flight, from the estimate's stamp on.
+        """
+        ...
+
+    def sent(self, command: Command) -> None:
+        """Take note of the command that was sent, and of how its control problem was solved."""
+        ...
+
+
+class SupervisorSpec(Protocol):
+    """The value that says which supervisor watches a flight: a frozen dataclass with a literal `kind`."""
+
+    def start(self, model: Model, period: float) -> Supervisor:
+        """Make the supervisor of one flight.
+
+        Args:
+            model: The believed helicopter.
+            period: Control period, s.
+        """
+        ...

@@ -1,0 +1,195 @@
+"""The supervisor that lands when the flight cannot go on.
+
+    ready ──► flying ◄──► coasting ◄──► levelling ──► landing ──► landed
+                 └──────────────────────────────────────►┘
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Unit, doc
+
+from controllers.descent import Descent, descend, hold
+from controllers.laws import safe_hover
+from controllers.model import Model
+from controllers.signals import Command, Estimate, Reference, nanoseconds
+from controllers.supervisors import Event, Order, Phase
+
+UNSOLVED = ("shifted_plan", "safe_hover")
+"""How a control problem was not solved."""
+
+
+@dataclass(frozen=True, slots=True)
+class Safety:
+    """Lets the plan fly while the helicopter is seen and controlled; else levels off and lands.
+
+    Without poses the flight goes on from the estimate (coasting), then the helicopter stops where it is (levelling),
+    then it descends (landing). Poses that come back before the descent let the plan fly on. A plan that starts on the
+    floor starts with motors at rest; on the floor at the end, the motors are stopped.
+    """
+
+    kind: Literal["safety"] = "safety"
+    coast_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose that is worth an event")] = 0.1
+    level_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to stop")] = 0.5
+    land_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to descend")] = 1.0
+    solver_timeout: Annotated[float, Gt(0), Le(60), Unit("s"), doc("time without a solved problem; then land")] = 0.5
+    half_width: Annotated[float, Gt(0), Unit("m"), doc("distance north and west at which to land")] = 2.2
+    height: Annotated[float, Gt(0), Unit("m"), doc("height at which to land")] = 2.3
+    sink_speed: Annotated[float, Gt(0), Le(2), Unit("m/s"), doc("speed of an emergency descent")] = 1.2
+    touch_speed: Annotated[float, Gt(0), Le(1), Unit("m/s"), doc("speed at which it meets the floor")] = 0.3
+    slow_below: Annotated[float, Ge(0), Unit("m"), doc("height above the floor of the slow rest of the descent")] = 0.1
+    settle: Annotated[float, Gt(0), Le(10), Unit("s"), doc("time on the floor after which the motors stop")] = 0.3
+    spool: Annotated[float, Gt(0), Le(10), Unit("s"), doc("time in which the motors start and stop")] = 0.5
+    # The skids reach 0.045 m below the centre of gravity.
+    floor: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity when it stands")] = 0.045
+
+    def start(self, model: Model, period: float) -> "SafetySupervisor":
+        """Make the supervisor of one flight."""
+        return SafetySupervisor(self, model, period)
+
+
+class SafetySupervisor:
+    """One flight's phase, and the way down."""
+
+    def __init__(self, spec: Safety, model: Model, period: float) -> None:
+        self._spec, self._model, self._period = spec, model, period
+        bottom = spec.floor - 0.05
+        self._descent = Descent(spec.sink_speed, spec.touch_speed, spec.slow_below, 3.0, bottom, spec.floor)
+        self.phase: Phase = "ready"
+        self._has_begun = False
+        self._place = np.zeros(4)
+        self._speed = 0.0
+        self._solved_at = 0
+        self._standing_since: int | None = None
+        self._thrust = 0.0
+
+    def order(self, now: int, estimate: Estimate | None, plan: Reference) -> Order:
+        """Decide on the phase, and what to fly in it."""
+        before = self.phase
+        reason = self._next(now, estimate, plan)
+        calm = ("ready", "flying", "landed")
+        severity = "info" if self.phase in calm else "warning"
+        event = Event(severity, self.phase, reason) if self.phase != before or reason else None
+        match self.phase:
+            case "ready" | "landed":
+                return Order(command=self._on_the_floor(now, plan), event=event)
+            case "flying" | "coasting":
+                return Order(plan if estimate else None, event=event)
+            case "levelling" | "landing":
+                return self._way_down(now, estimate, plan)._replace(event=event)
+
+    def sent(self, command: Command) -> None:
+        """Take note of the thrust, and of how the control problem was solved; a law without a QP solves all."""
+        self._thrust = float(command.u[2])
+        if command.qp is None or command.qp.status not in UNSOLVED:
+            self._solved_at = command.stamp
+
+    def _next(self, now: int, estimate: Estimate | None, plan: Reference) -> str:
+        """Move to the phase of this step; return the reason, empty where nothing changes."""
+        spec = self._spec
+        unseen = 1e-9 * (now - estimate.pose_stamp) if estimate else 1e-9 * now
+        match self.phase:
+            case "ready":
+                return self._start(unseen, plan)
+            case "flying" | "coasting" | "levelling":
+                if trouble := self._trouble(now, unseen, estimate):
+                    self._stop_at(estimate, plan)
+                    self.phase = "landing"
+                    return trouble
+                if self._has_landed_as_planned(now, estimate, plan):
+                    self.phase = "landed"
+                    return "the plan has come down"
+                return self._watch(unseen, estimate, plan)
+            case "landing":
+                if self._stands(now, estimate, unseen > spec.coast_after):
+                    self.phase = "landed"
+                    return "on the floor, motors off"
+                return ""
+            case "landed":
+                return ""
+
+    def _start(self, unseen: float, plan: Reference) -> str:
+        spec = self._spec
+        if float(plan.x[0, 2]) <= spec.floor + 0.002 and float(plan.x[0, 6]) < 0.01:
+            first, self._has_begun = not self._has_begun, True
+            return "on the floor, motors off" if first else ""
+        if self._has_begun and unseen > spec.coast_after:
+            self.phase = "landed"
+            return f"no start: no pose for {unseen:.2f} s"
+        self.phase = "flying"
+        return "off the floor" if self._has_begun else "in the air from the start"
+
+    def _trouble(self, now: int, unseen: float, estimate: Estimate | None) -> str:
+        """Why to land, empty for no reason."""
+        spec = self._spec
+        if unseen > spec.land_after:
+            return f"no pose for {unseen:.2f} s"
+        unsolved = 1e-9 * (now - self._solved_at)
+        if unsolved > spec.solver_timeout:
+            return f"no control problem solved for {unsolved:.2f} s"
+        if estimate is None:
+            return ""
+        x, y, z = estimate.x[:3].tolist()
+        if max(abs(x), abs(y)) > spec.half_width or z > spec.height:
+            return f"at x {x:.2f}, y {y:.2f}, z {z:.2f} m: the edge of the room is near"
+        return ""
+
+    def _watch(self, unseen: float, estimate: Estimate | None, plan: Reference) -> str:
+        """Flying, coasting or levelling, by the age of the newest pose."""
+        spec, before = self._spec, self.phase
+        self.phase = "levelling" if unseen > spec.level_after else "coasting" if unseen > spec.coast_after else "flying"
+        if self.phase == before:
+            return ""
+        if self.phase == "levelling":
+            self._stop_at(estimate, plan)
+        return "the poses are back" if self.phase == "flying" else f"no pose for {unseen:.2f} s"
+
+    def _stop_at(self, estimate: Estimate | None, plan: Reference) -> None:
+        """Stay where the helicopter is, unless it has been stopped already."""
+        if self.phase == "levelling":
+            return
+        x = estimate.x if estimate else plan.x[0]
+        self._place, self._speed = x[:4].copy(), float(x[6])
+
+    def _has_landed_as_planned(self, now: int, estimate: Estimate | None, plan: Reference) -> bool:
+        is_planned = bool((plan.x[:, 2] <= self._spec.floor + 0.002).all())
+        if not is_planned:
+            self._standing_since = None
+        return is_planned and self._stands(now, estimate, False)
+
+    def _stands(self, now: int, estimate: Estimate | None, is_blind: bool) -> bool:
+        """Whether it has been on the floor for a while; without poses, whether the descent has ended."""
+        spec = self._spec
+        stands = is_blind and float(self._place[2]) <= self._descent.bottom
+        if estimate is not None and not is_blind:
+            stands = float(estimate.x[2]) < spec.floor + 0.02 and abs(float(estimate.x[6])) < 0.15
+        if not stands:
+            self._standing_since = None
+        elif self._standing_since is None:
+            self._standing_since = now
+        return self._standing_since is not None and now - self._standing_since >= nanoseconds(spec.settle)
+
+    def _way_down(self, now: int, estimate: Estimate | None, plan: Reference) -> Order:
+        """Hover where it stopped or, landing, descend from there; without a solver or an estimate, level."""
+        reference = hold(self._model, plan.stamp, len(plan.u), self._place)
+        if self.phase == "landing":
+            reference = descend(reference, self._model, self._descent, self._speed, self._period)
+            self._place[2], self._speed = reference.x[1, 2], float(reference.x[1, 6])
+        if estimate is not None and 1e-9 * (now - self._solved_at) <= self._spec.solver_timeout:
+            return Order(reference)
+        u = np.array(self._model.u_hover)
+        u[2] = reference.u[0, 2]
+        if estimate is not None:
+            # Critically damped at 3 rad/s.
+            z, speed = reference.x[0, 2] - estimate.x[2], reference.x[0, 6] - estimate.x[6]
+            u[2] += float(9.0 * z + 6.0 * speed) / self._model.b_z
+        return Order(command=Command(now, np.clip(u, self._model.u_min, self._model.u_max)))
+
+    def _on_the_floor(self, now: int, plan: Reference) -> Command:
+        """Start the motors shortly before the plan rises, up to nine tenths of what lifts; else stop them."""
+        spec = self._spec
+        step = self._period / spec.spool * self._model.u_hover[2]
+        rises = self.phase == "ready" and bool((plan.x[:, 2] > spec.floor + 0.002).any())
+        thrust = min(self._thrust + step, 0.9 * self._model.u_hover[2]) if rises else max(self._thrust - step, 0.0)
+        return Command(now, np.array([0.0, 0.0, thrust, 0.0]))
