@@ -22,7 +22,9 @@ from heli_twin.lab.plant import Plant, Truth
 from heli_twin.lab.radio import Held
 from heli_twin.recording import Recorder
 
-OutcomeKind = Literal["completed", "crashed", "left_volume", "diverged"]
+OutcomeKind = Literal["completed", "landed", "crashed", "left_volume", "diverged"]
+INTACT = ("completed", "landed")
+"""Outcomes after which the helicopter can fly again."""
 
 
 class Outcome(NamedTuple):
@@ -69,11 +71,14 @@ class Flight:
         self.faults = Faults(fault.hooks(generator(e.seed, f"faults.{name}")) for name, fault in faults)
         self.compute_chance = generator(e.seed, "compute")
         self.estimator, self.controller = e.estimator.start(e.controller.model), e.controller.start()
-        self.preview = ReferencePreview(e.trajectory, e.controller.model, self.period, nanoseconds(e.estimator.lead))
+        self.supervisor = e.supervisor.start(e.controller.model, e.controller.period)
+        self.lead = nanoseconds(e.estimator.lead)
+        self.preview = ReferencePreview(e.trajectory, e.controller.model, self.period, self.lead)
         # The flight may end between two control steps.
         self.planned = ReferencePreview(e.trajectory, e.controller.model, self.step, 0)
         self.poses_under_way: list[Arrival] = []
         self.last_status, self.last_rejected = "", 0
+        self.reason, self.landed_at, self.last_sink, self.in_the_air = "", 0, 0.0, False
 
     def run(self) -> Outcome:
         """Fly to the end of the experiment, or until the flight is over."""
@@ -126,15 +131,22 @@ class Flight:
             self.recorder.pose(at, pose)
             self.estimator.receive(at, pose)
         estimate = self.estimator.estimate(t)
-        if estimate is None:
-            command, took = safe_hover(self.experiment.controller.model, t), 0
-        else:
-            reference = self.preview(estimate.stamp, self.experiment.controller.steps)
+        plan = self.preview(estimate.stamp if estimate else t + self.lead, self.experiment.controller.steps)
+        order, took = self.supervisor.order(t, estimate, plan), 0
+        if order.event:
+            self.recorder.event(t, order.event.severity, order.event.phase, order.event.reason)
+            self.reason = order.event.reason
+        if order.command:
+            command = order.command
+        elif estimate and order.reference:
             began = perf_counter_ns()
-            command = self.controller.step(t, estimate, reference)
+            command = self.controller.step(t, estimate, order.reference)
             took = perf_counter_ns() - began
             command = self.controller.explain(command)
+        else:
+            command = safe_hover(self.experiment.controller.model, t)
         self.estimator.command_sent(t, command.u)
+        self.supervisor.sent(command)
         self.record(t, estimate, command, took)
         return command
 
@@ -162,13 +174,30 @@ class Flight:
         planned = self.planned(t, 1)
         self.recorder.reference(t, planned)
         self.recorder.truth(t, truth)
-        outcome = verdict(t, truth, float(planned.x[0, 2]), self.experiment.volume)
+        may_touch = self.supervisor.phase in ("ready", "landing", "landed")
+        outcome = verdict(t, truth, 0.0 if may_touch else float(planned.x[0, 2]), self.experiment.volume)
+        outcome = outcome or self.landed(t, truth)
         if outcome is None and t == self.end:
             outcome = Outcome("completed", t, f"flew the whole {1e-9 * t:g} s")
         if outcome is not None:
-            severity = "info" if outcome.kind == "completed" else "error"
+            severity = "info" if outcome.kind in INTACT else "error"
             self.recorder.event(t, severity, outcome.kind, outcome.text)
         return outcome
+
+    def landed(self, t: int, truth: Truth) -> Outcome | None:
+        """Record a touch-down; the flight is over when it was too hard, and when the motors have stopped."""
+        speed, self.last_sink = self.last_sink, max(0.0, -float(truth.velocity[2]))
+        was_in_the_air, self.in_the_air = self.in_the_air, not truth.touching
+        phase = self.supervisor.phase
+        if phase in ("landing", "landed") and was_in_the_air and truth.touching:
+            self.recorder.event(t, "info", "touch_down", f"touched the floor at {speed:.2f} m/s")
+            if speed > HARD_LANDING_M_S:
+                return Outcome("crashed", t, f"hit the floor at {1e-9 * t:.2f} s, at {speed:.2f} m/s")
+        if phase != "landed":
+            self.landed_at = t
+        elif t == self.end or t - self.landed_at >= REST_NS:
+            return Outcome("landed", t, f"landed at {1e-9 * self.landed_at:.2f} s: {self.reason}")
+        return None
 
     def on_grid(self, time: int) -> int:
         """The first physics step at or after `time` (ns)."""
@@ -203,5 +232,9 @@ def verdict(t: int, truth: Truth, planned_height: float, volume: Volume) -> Outc
 
 TIPPED_COS = cos(radians(45.0))
 """Cosine of the tilt at which a flight is over: full stick tilts by 12 degrees; on its side it lies at 56 degrees."""
+HARD_LANDING_M_S = 1.0
+"""Speed of a touch-down that breaks something: a fall from 5 cm."""
+REST_NS = 1_000_000_000
+"""How long a flight is recorded after the landing."""
 FLOOR_MARGIN_M = 0.15
 """A plan below this height may touch the floor; the skids hang about 5 cm below the centre of gravity."""

@@ -49,6 +49,10 @@ class Kalman:
     stray_yaw_rate: Annotated[float, Gt(0), Unit("rad/s"), doc("error of the predicted yaw rate, no jump")] = 5.0
     gust_time: Annotated[float, Gt(0), Unit("s"), doc("time in which an unseen disturbance fades to its mean")] = 0.7
     mean_time: Annotated[float, Gt(0), Unit("s"), doc("time over which the mean disturbance is taken")] = 10.0
+    # The skids reach 0.045 m below the centre of gravity.
+    floor: Annotated[float, Ge(0), Unit("m"), doc("height of the centre of gravity when it stands on the floor")] = (
+        0.045
+    )
 
     @property
     def lead(self) -> float:
@@ -70,6 +74,8 @@ class KalmanFilter:
         self._R = noise**2
         stray = np.array([spec.stray_speed] * 3 + [spec.stray_yaw_rate])
         jump_time = nanoseconds(spec.jump_time)
+        # Some millimetres are the cameras' error.
+        self._stands_below = spec.floor + 0.003
         self._screen = PoseScreen(
             ScreenSettings(spec.gate, spec.reset_after, spec.withstand_faults, jump_time, noise, stray)
         )
@@ -216,8 +222,14 @@ class KalmanFilter:
             end = min(until, pieces[i + 1][0]) if i + 1 < len(pieces) else until
             begin = max(start, since)
             if end > begin:
-                (x,) = self._simulator((end - begin) * 1e-9)(x, (u,), self._push(begin))
+                (moved,) = self._simulator((end - begin) * 1e-9)(x, (u,), self._push(begin))
+                x = self._on_the_floor(x, moved) if moved[2] < self._stands_below and moved[6] < 0.0 else moved
         return x
+
+    def _on_the_floor(self, x: State, moved: State) -> State:
+        """The state of a helicopter that would sink into the floor: it stands, and its skids do not slide."""
+        height = x[2] if x[2] < self._stands_below else max(moved[2], self._spec.floor)
+        return (x[0], x[1], height, x[3], 0.0, 0.0, 0.0, 0.0)
 
     def _spread(self, dt: float) -> Array:
         """The covariances (4, 3, 3) of [position, velocity, disturbance], predicted `dt` seconds ahead."""

@@ -1,7 +1,7 @@
 """The supervisor that lands when the flight cannot go on.
 
-    ready ──► flying ◄──► coasting ◄──► levelling ──► landing ──► landed
-                 └──────────────────────────────────────►┘
+ready ──► flying ◄──► coasting ◄──► levelling ──► landing ──► landed
+             └──────────────────────────────────────►┘
 """
 
 from dataclasses import dataclass
@@ -11,9 +11,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.descent import Descent, descend, hold
-from controllers.laws import safe_hover
 from controllers.model import Model
-from controllers.signals import Command, Estimate, Reference, nanoseconds
+from controllers.signals import Array, Command, Estimate, Reference, nanoseconds
 from controllers.supervisors import Event, Order, Phase
 
 UNSOLVED = ("shifted_plan", "safe_hover")
@@ -60,7 +59,7 @@ class SafetySupervisor:
         self._has_begun = False
         self._place = np.zeros(4)
         self._speed = 0.0
-        self._solved_at = 0
+        self._solved_at, self._has_solver = 0, True
         self._standing_since: int | None = None
         self._thrust = 0.0
 
@@ -73,7 +72,7 @@ class SafetySupervisor:
         event = Event(severity, self.phase, reason) if self.phase != before or reason else None
         match self.phase:
             case "ready" | "landed":
-                return Order(command=self._on_the_floor(now, plan), event=event)
+                return Order(command=self._on_the_floor(now), event=event)
             case "flying" | "coasting":
                 return Order(plan if estimate else None, event=event)
             case "levelling" | "landing":
@@ -94,13 +93,14 @@ class SafetySupervisor:
                 return self._start(unseen, plan)
             case "flying" | "coasting" | "levelling":
                 if trouble := self._trouble(now, unseen, estimate):
-                    self._stop_at(estimate, plan)
+                    if self.phase != "levelling":
+                        self._stop_at(estimate.x if estimate else plan.x[0])
                     self.phase = "landing"
                     return trouble
                 if self._has_landed_as_planned(now, estimate, plan):
                     self.phase = "landed"
                     return "the plan has come down"
-                return self._watch(unseen, estimate, plan)
+                return self._watch(unseen, estimate.x if estimate else plan.x[0])
             case "landing":
                 if self._stands(now, estimate, unseen > spec.coast_after):
                     self.phase = "landed"
@@ -127,6 +127,7 @@ class SafetySupervisor:
             return f"no pose for {unseen:.2f} s"
         unsolved = 1e-9 * (now - self._solved_at)
         if unsolved > spec.solver_timeout:
+            self._has_solver = False
             return f"no control problem solved for {unsolved:.2f} s"
         if estimate is None:
             return ""
@@ -135,21 +136,19 @@ class SafetySupervisor:
             return f"at x {x:.2f}, y {y:.2f}, z {z:.2f} m: the edge of the room is near"
         return ""
 
-    def _watch(self, unseen: float, estimate: Estimate | None, plan: Reference) -> str:
+    def _watch(self, unseen: float, x: Array) -> str:
         """Flying, coasting or levelling, by the age of the newest pose."""
         spec, before = self._spec, self.phase
         self.phase = "levelling" if unseen > spec.level_after else "coasting" if unseen > spec.coast_after else "flying"
         if self.phase == before:
             return ""
         if self.phase == "levelling":
-            self._stop_at(estimate, plan)
+            self._stop_at(x)
+            self._speed = 0.0
         return "the poses are back" if self.phase == "flying" else f"no pose for {unseen:.2f} s"
 
-    def _stop_at(self, estimate: Estimate | None, plan: Reference) -> None:
-        """Stay where the helicopter is, unless it has been stopped already."""
-        if self.phase == "levelling":
-            return
-        x = estimate.x if estimate else plan.x[0]
+    def _stop_at(self, x: Array) -> None:
+        """Remember the place of a state (8,), and its vertical speed."""
         self._place, self._speed = x[:4].copy(), float(x[6])
 
     def _has_landed_as_planned(self, now: int, estimate: Estimate | None, plan: Reference) -> bool:
@@ -176,7 +175,8 @@ class SafetySupervisor:
         if self.phase == "landing":
             reference = descend(reference, self._model, self._descent, self._speed, self._period)
             self._place[2], self._speed = reference.x[1, 2], float(reference.x[1, 6])
-        if estimate is not None and 1e-9 * (now - self._solved_at) <= self._spec.solver_timeout:
+        self._has_solver &= 1e-9 * (now - self._solved_at) <= self._spec.solver_timeout
+        if estimate is not None and self._has_solver:
             return Order(reference)
         u = np.array(self._model.u_hover)
         u[2] = reference.u[0, 2]
@@ -186,10 +186,10 @@ class SafetySupervisor:
             u[2] += float(9.0 * z + 6.0 * speed) / self._model.b_z
         return Order(command=Command(now, np.clip(u, self._model.u_min, self._model.u_max)))
 
-    def _on_the_floor(self, now: int, plan: Reference) -> Command:
-        """Start the motors shortly before the plan rises, up to nine tenths of what lifts; else stop them."""
-        spec = self._spec
-        step = self._period / spec.spool * self._model.u_hover[2]
-        rises = self.phase == "ready" and bool((plan.x[:, 2] > spec.floor + 0.002).any())
-        thrust = min(self._thrust + step, 0.9 * self._model.u_hover[2]) if rises else max(self._thrust - step, 0.0)
+    def _on_the_floor(self, now: int) -> Command:
+        """Start the motors, up to nine tenths of what lifts, or stop them."""
+        lifts = self._model.u_hover[2]
+        step = self._period / self._spec.spool * lifts
+        is_ready = self.phase == "ready"
+        thrust = min(self._thrust + step, 0.9 * lifts) if is_ready else max(self._thrust - step, 0.0)
         return Command(now, np.array([0.0, 0.0, thrust, 0.0]))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Gt, Unit, doc
+from annotated_types import Ge, Gt, Unit, doc
 
 from controllers.flatness import FlatOutput
 from controllers.markers import OneOf
@@ -25,6 +25,7 @@ class TakeoffAndLanding:
         default_factory=Circle
     )
     airborne: Annotated[float, Gt(0), Unit("s"), doc("how much of it to fly")] = 20.0
+    stand: Annotated[float, Ge(0), Unit("s"), doc("time on the floor before it rises: the motors start")] = 1.0
     climb: Annotated[float, Gt(0), Unit("s"), doc("time to rise, and to come down")] = 3.0
     ramp: Annotated[float, Gt(0), Unit("s"), doc("time to gather speed and to stop, half of it extra")] = 2.0
     # The skids reach 0.045 m below the centre of gravity.
@@ -41,6 +42,7 @@ class TakeoffAndLanding:
 
     def flat(self, t: Array) -> FlatOutput:
         """Return the flight at the pace of a clock that starts and stops, lowered to the floor at both ends."""
+        t = t - self.stand
         pace = smooth_ride(t - self.climb, self.airborne, self.ramp)
         inner = paced(self.flight.flat(pace[0]), pace)
         first, last = self.flight.flat(np.array([0.0, self.airborne])).z[:, 2]

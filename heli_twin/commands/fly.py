@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar, say
+from heli_twin.flight import INTACT
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -54,7 +55,7 @@ def run(parsed: Namespace) -> int:
         print(json.dumps(summary, indent=2, allow_nan=False))
     else:
         show(summary)
-    return 0 if result.outcome.kind == "completed" and not result.log_trouble else 1
+    return 0 if result.outcome.kind in INTACT and not result.log_trouble else 1
 
 
 def show(summary: dict[str, Any]) -> None:

@@ -14,6 +14,8 @@ from controllers.estimators.kalman import Kalman
 from controllers.laws import ControlLaw
 from controllers.laws.ltv_mpc import LtvMpc
 from controllers.markers import EachOf, Named, OneOf
+from controllers.supervisors import SupervisorSpec
+from controllers.supervisors.off import NoSupervisor
 from controllers.trajectories import Trajectory
 from controllers.trajectories.circle import Circle
 from heli_twin.lab.compute import ComputeSpec, Modelled
@@ -50,6 +52,9 @@ class Experiment:
     estimator: Annotated[EstimatorSpec, OneOf("controllers.estimators"), doc("from poses to states")] = field(
         default_factory=Kalman
     )
+    supervisor: Annotated[
+        SupervisorSpec, OneOf("controllers.supervisors"), doc("levels off and lands when the flight cannot go on")
+    ] = field(default_factory=NoSupervisor)
     plant: Annotated[PlantSpec, OneOf("heli_twin.lab.plant"), doc("the helicopter as it is")] = field(
         default_factory=MuJoCo
     )

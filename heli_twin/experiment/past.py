@@ -49,6 +49,9 @@ PAST: dict[str, Past] = {
     f"{_KALMAN}.stray_yaw_rate": Past(4, 5.0),
     f"{_KALMAN}.gust_time": Past(4, 0.7),
     f"{_KALMAN}.mean_time": Past(4, 10.0),
+    f"{_KALMAN}.floor": Past(4, 0.0),
+    "heli_twin.experiment.Experiment.supervisor": Past(4, {"kind": "off"}),
+    "controllers.trajectories.takeoff_and_landing.TakeoffAndLanding.stand": Past(4, 0.0),
 }
 """By the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
 
