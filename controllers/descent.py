@@ -56,9 +56,10 @@ def descend(reference: Reference, model: Model, descent: Descent, speed: float, 
     height = float(x[0, 2])
     x[0, 6] = speed
     for i in range(len(u)):
-        height, faster = descent.step(height, speed, dt)
-        u[i, 2] = (GRAVITY + (faster - speed) / dt) / model.b_z
-        speed = faster
+        height, next_speed = descent.step(height, speed, dt)
+        # At the bottom the floor stops it, not the thrust.
+        change = (next_speed - speed) / dt if height > descent.bottom else 0.0
+        u[i, 2] = min(max((GRAVITY + change) / model.b_z, model.u_z_min), model.u_z_max)
+        speed = next_speed
         x[i + 1, 2], x[i + 1, 6] = height, speed
-    u[:, 2] = np.clip(u[:, 2], model.u_z_min, model.u_z_max)
     return Reference(reference.stamp, x, u)

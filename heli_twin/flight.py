@@ -135,7 +135,8 @@ class Flight:
         order, took = self.supervisor.order(t, estimate, plan), 0
         if order.event:
             self.recorder.event(t, order.event.severity, order.event.phase, order.event.reason)
-            self.reason = order.event.reason
+            if order.event.phase == "landing" or not self.reason:
+                self.reason = order.event.reason
         if order.command:
             command = order.command
         elif estimate and order.reference:
@@ -179,8 +180,9 @@ class Flight:
         outcome = outcome or self.landed(t, truth)
         if outcome is None and t == self.end:
             outcome = Outcome("completed", t, f"flew the whole {1e-9 * t:g} s")
-        if outcome is not None:
-            severity = "info" if outcome.kind in INTACT else "error"
+        # Of a landing, the supervisor has told already.
+        if outcome is not None and outcome.kind != "landed":
+            severity = "info" if outcome.kind == "completed" else "error"
             self.recorder.event(t, severity, outcome.kind, outcome.text)
         return outcome
 

@@ -4,12 +4,13 @@ A supervisor sees what the ground station sees: estimates, the age of the poses 
 solved, and its own commands. It never sees the truth.
 """
 
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol, get_args
 
 from controllers.model import Model
 from controllers.signals import Command, Estimate, Reference
 
 Phase = Literal["ready", "flying", "coasting", "levelling", "landing", "landed"]
+PHASES: tuple[Phase, ...] = get_args(Phase)
 
 
 class Event(NamedTuple):
@@ -53,6 +54,11 @@ class Supervisor(Protocol):
 
 class SupervisorSpec(Protocol):
     """The value that says which supervisor watches a flight: a frozen dataclass with a literal `kind`."""
+
+    @property
+    def kind(self) -> str:
+        """Its name."""
+        ...
 
     def start(self, model: Model, period: float) -> Supervisor:
         """Make the supervisor of one flight.

@@ -46,6 +46,7 @@ def run(parsed: Namespace) -> int:
 
 def about(log: "Log") -> dict[str, Any]:
     """The facts that `info` prints about a log, as JSON can hold them."""
+    from controllers.supervisors import PHASES
     from heli_twin.experiment.differences import fly_words
     from heli_twin.experiment.tree import ExperimentError, canonical_json
     from heli_twin.logbook import flown_experiment
@@ -60,6 +61,11 @@ def about(log: "Log") -> dict[str, Any]:
     return {
         "outcome": log.outcome,
         "outcome_text": log.ending.get("text", ""),
+        "supervisor": [
+            {"time": 1e-9 * event.time, "phase": event.name, "reason": event.text}
+            for event in log.events
+            if event.name in PHASES
+        ],
         "duration": 1e-9 * int(log.ending.get("time", "0")),
         "recovered": "recovered" in log.ending,
         "digest": log.digest,
@@ -100,6 +106,7 @@ def show(facts: dict[str, Any]) -> None:
         ("experiment", _experiment(facts)),
         ("positions", POSITIONS_FROM[facts["positions"]]),
         ("outcome", f"{facts['outcome']} after {facts['duration']:g} s: {facts['outcome_text']}"),
+        *([("supervisor", _phases(facts["supervisor"]))] if facts["supervisor"] else []),
         ("digest", facts["digest"]),
         *facts["metadata"].items(),
         ("attachments", ", ".join(f"{name} ({size} bytes)" for name, size in facts["attachments"].items())),
@@ -122,6 +129,10 @@ def show(facts: dict[str, Any]) -> None:
 POSITIONS_FROM = {"truth": "the truth", "cameras": "the cameras: nobody knows the truth", None: "none"}
 SHORT_METRICS = ("max_abs_error", "rmse", "qp_status")
 """Metrics that fit on a line."""
+
+
+def _phases(changes: list[dict[str, Any]]) -> str:
+    return "; ".join(f"{change['phase']} at {change['time']:.2f} s, {change['reason']}" for change in changes)
 
 
 def _experiment(facts: dict[str, Any]) -> str:

@@ -51,7 +51,7 @@ def layout(scales: Scales) -> rrb.Blueprint:
             rrb.TextLogView(
                 name="Events", origin="/events", columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
             ),
-            rrb.StateTimelineView(name="Controller and contact", origin="/state"),
+            rrb.StateTimelineView(name="Controller, supervisor and contact", origin="/state"),
             column_shares=[3, 2],
         ),
         row_shares=[4, 1],

@@ -10,7 +10,7 @@ from controllers.rotations import wrap_angle
 from controllers.signals import Array
 from heli_twin.recording.log import Log, Times
 from heli_twin.viewing.blueprint import Scales
-from heli_twin.viewing.style import CONTACT_COLOURS, INPUTS, POSITIONS
+from heli_twin.viewing.style import CONTACT_COLOURS, INPUTS, PHASE_COLOURS, POSITIONS
 
 TRAIL_STEP_S = 0.02
 """Length in time of one piece of the flown trail: one control period."""
@@ -99,6 +99,9 @@ def _computing(log: Log, scales: Scales) -> Iterator[Rows]:
     yield "air/push", air.time, scalars(air.acceleration)
     yield "air/thrust", air.time, scalars(air.thrust_factor)
     yield "state/controller", log.qp.time, rr.StateChange.columns(state=log.qp.status.tolist())
+    phases = [event for event in log.events if event.name in PHASE_COLOURS]
+    changed = np.array([event.time for event in phases], np.int64)
+    yield "state/supervisor", changed, rr.StateChange.columns(state=[event.name for event in phases])
     in_the_air, on_the_floor = CONTACT_COLOURS
     if scales.source == "truth":
         contact = np.where(log.truth.touching, on_the_floor, in_the_air).tolist()

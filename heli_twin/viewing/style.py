@@ -19,6 +19,13 @@ INPUTS = ("pitch", "roll", "thrust", "yaw")
 POSITIONS = ("x", "y", "z", "yaw")
 QP_STATUS_COLOURS = {"solved": 0x4CD4A5FF, "softened": YAW, "shifted_plan": PLANNED, "safe_hover": LIMIT}
 """By how a control problem was solved."""
+PHASE_COLOURS = {
+    **dict.fromkeys(("ready", "landed"), YAW),
+    "flying": BELIEVED,
+    **dict.fromkeys(("coasting", "levelling"), PLANNED),
+    "landing": LIMIT,
+}
+"""By the phase that the supervisor is in."""
 CONTACT_COLOURS = {"in the air": BELIEVED, "on the floor": YAW}
 """By whether the helicopter flies."""
 RIVAL, RIVAL_WANTED = 0xFF7AC6FF, 0xF3C9E2FF
@@ -57,7 +64,11 @@ def send_static(stream: rr.RecordingStream, look: Look = ALONE, source: Source =
         names, colours, widths = zip(*series, strict=True)
         held = path.startswith(("input", "air"))
         stream.log(look.path(path), lines(names, colours, widths, held=held), static=True)
-    for path, colours in ("state/controller", QP_STATUS_COLOURS), ("state/contact", CONTACT_COLOURS):
+    for path, colours in (
+        ("state/controller", QP_STATUS_COLOURS),
+        ("state/supervisor", PHASE_COLOURS),
+        ("state/contact", CONTACT_COLOURS),
+    ):
         style = rr.StateConfiguration(values=[*colours], colors=rgba(colours.values()))
         stream.log(look.path(path), style, static=True)
 

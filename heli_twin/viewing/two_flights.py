@@ -164,7 +164,7 @@ def _layout(flights: Sequence[ComparedFlight], differences: Sequence[FieldDiffer
             *(_plot_both(f"{name} sent [of full stick]", f"input/{name}/sent") for name in INPUTS), name="Inputs"
         ),
         rrb.Vertical(
-            rrb.StateTimelineView(name="Controller and contact", origin="/", contents=_of_both("state/**")),
+            rrb.StateTimelineView(name="Controller, supervisor and contact", origin="/", contents=_of_both("state/**")),
             *(plot(f"Computing of {look.name} [ms]", f"/{look.name}/computing") for look in LOOKS),
             name="Controller",
         ),
