@@ -93,6 +93,8 @@ def test_a_takeoff_begins_and_a_landing_ends_on_the_floor_with_the_motors_off():
 
 
 def test_a_flight_without_trouble_is_the_same_with_and_without_a_supervisor():
-    with_it, without = (fly(load("lab", [f"supervisor={kind}", "duration=4"]), log_dir=None).log for kind in ("safety", "off"))
+    with_it, without = (
+        fly(load("lab", [f"supervisor={kind}", "duration=4"]), log_dir=None).log for kind in ("safety", "off")
+    )
     np.testing.assert_array_equal(with_it.truth.position, without.truth.position)
     assert [event.name for event in with_it.events if event not in without.events] == ["flying"]
