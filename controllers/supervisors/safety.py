@@ -27,18 +27,20 @@ class Safety:
     then it descends (landing). Poses that come back before the descent let the plan fly on. A plan that starts on the
     floor starts with motors at rest; on the floor at the end, the motors are stopped.
 
-    The times bound the drift: of the way from where levelling began to the touch-down, nearly all is wind that nobody
-    sees. A gust of 0.25 m/s moves a blind helicopter by 10 to 20 cm in the 1.5 s that levelling and the descent take.
+    Times and speeds bound the drift: of the way from where levelling began to the touch-down, nearly all is wind that
+    nobody sees. Gusts of 0.25 m/s move a blind helicopter by 10 to 15 cm, rarely 45 cm, in the 1.3 s from levelling to
+    the floor. The descent is fast for that reason; above 1 m/s, half the induced velocity of its rotors, a real one
+    may meet its own wake, which the twin leaves out.
     """
 
     kind: Literal["safety"] = "safety"
     coast_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose that is worth an event")] = 0.1
     level_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to stop")] = 0.5
-    land_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to descend")] = 0.9
+    land_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to descend")] = 0.75
     solver_timeout: Annotated[float, Gt(0), Le(60), Unit("s"), doc("time without a solved problem; then land")] = 0.5
     half_width: Annotated[float, Gt(0), Unit("m"), doc("distance north and west at which to land")] = 2.2
     height: Annotated[float, Gt(0), Unit("m"), doc("height at which to land")] = 2.3
-    sink_speed: Annotated[float, Gt(0), Le(2), Unit("m/s"), doc("speed of an emergency descent")] = 1.2
+    sink_speed: Annotated[float, Gt(0), Le(2), Unit("m/s"), doc("speed of an emergency descent")] = 1.5
     touch_speed: Annotated[float, Gt(0), Le(1), Unit("m/s"), doc("speed at which it meets the floor")] = 0.4
     slow_below: Annotated[float, Ge(0), Unit("m"), doc("height above the floor of the slow rest of the descent")] = 0.05
     settle: Annotated[float, Gt(0), Le(10), Unit("s"), doc("time on the floor after which the motors stop")] = 0.1
