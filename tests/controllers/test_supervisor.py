@@ -59,8 +59,8 @@ def test_without_a_supervisor_the_plan_is_flown():
         (0.2, "coasting"),
         (0.46, "coasting"),
         (0.6, "levelling"),
-        (0.86, "levelling"),
-        (1.0, "landing"),
+        (0.72, "levelling"),
+        (0.8, "landing"),
     ],
 )
 def test_the_phase_follows_the_age_of_the_poses(unseen, phase):

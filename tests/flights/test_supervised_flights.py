@@ -38,7 +38,7 @@ def flights(trajectory, length, seeds):
         log = result.log
         blind_on = time_of(log, "landing") is not None
         assert result.outcome.kind == ("landed" if blind_on else "completed"), (seed, result.outcome)
-        assert blind_on == (length > 0.9)
+        assert blind_on == (length > 0.75)
         assert np.abs(log.truth.position[:, :2]).max() < 1.2
         if blind_on:
             way, speed = landing(log)
@@ -53,7 +53,7 @@ def flights(trajectory, length, seeds):
 
 
 @pytest.mark.parametrize("trajectory", ["hover", "circle"])
-@pytest.mark.parametrize("length", [0.3, 0.8, HOUR])
+@pytest.mark.parametrize("length", [0.3, 0.7, HOUR])
 def test_an_outage_ends_in_the_air_or_on_the_floor(trajectory, length):
     ways = flights(trajectory, length, range(2))
     assert max(ways, default=0.0) < 0.5
@@ -62,7 +62,7 @@ def test_an_outage_ends_in_the_air_or_on_the_floor(trajectory, length):
 @pytest.mark.long
 @pytest.mark.parametrize("trajectory", ["hover", "circle"])
 def test_outages_of_any_length(trajectory):
-    for length in (0.1, 0.2, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, HOUR):
+    for length in (0.1, 0.2, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, HOUR):
         ways = flights(trajectory, length, range(20))
         if ways:
             print(f"{trajectory} {length} s: median {100 * np.median(ways):.1f}, worst {100 * max(ways):.1f} cm")
