@@ -248,7 +248,7 @@ def test_a_csv_file_that_is_no_flight_says_where(tmp_path, text, complaint):
 def test_takeoff_and_landing_surround_any_flight(kind):
     inner = of(kind)
     flight = TakeoffAndLanding(flight=inner, airborne=6.0, climb=3.0, ramp=1.0)
-    flat = flight.flat(np.array([0.0, 3.0, 6.5, 10.0, 13.0, 99.0]))
+    flat = flight.flat(flight.stand + np.array([-1.0, 3.0, 6.5, 10.0, 13.0, 99.0]))
     path = inner.flat(np.array([0.0, 3.0, 6.0])).z
     floor = path * [1, 1, 0, 1] + [0, 0, flight.floor, 0]
     # Sums of heights round once.
