@@ -254,7 +254,7 @@ def test_takeoff_and_landing_surround_any_flight(kind):
     # Sums of heights round once.
     np.testing.assert_allclose(flat.z, [floor[0], path[0], path[1], path[2], floor[2], floor[2]], atol=1e-12)
     np.testing.assert_allclose(flat.dz[[0, 1, 3, 4, 5]], 0.0, atol=1e-12)
-    height = flight.flat(np.linspace(0.0, 3.0, 100)).z[:, 2]
+    height = flight.flat(flight.stand + np.linspace(0.0, 3.0, 100)).z[:, 2]
     assert (np.diff(height) > 0.0).all()
 
 
