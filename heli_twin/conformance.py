@@ -41,17 +41,17 @@ class Verdict(NamedTuple):
     """Why it does not hold, one sentence; empty where it holds."""
 
 
-def verdicts(family: str, member: Any) -> Iterator[Verdict]:
-    """Run every check of a family on a member; what a member raises is a verdict too.
+def verdicts(family: str, spec: type) -> Iterator[Verdict]:
+    """Run every check of a family on a member with its defaults; what a member raises is a verdict too.
 
     Args:
-        family: Package of the family, a key of `CHECKS`.
-        member: A member as a value.
+        family: Package of the family; one without checks of its own gets those of every value.
+        spec: Class of the member.
     """
-    for check in CHECKS[family]:
+    for check in CHECKS.get(family, (is_a_frozen_value,)):
         rule = (check.__doc__ or check.__name__).partition("\n")[0]
         try:
-            check(member)
+            check(spec())
         except NotConforming as error:
             yield Verdict(rule, str(error))
         except Exception as error:

@@ -43,17 +43,17 @@ class Loose:
 
 
 def test_a_rule_that_is_broken_is_named() -> None:
-    broken = {v.rule: v.trouble for v in verdicts("controllers.trajectories", Jerky()) if v.trouble}
+    broken = {v.rule: v.trouble for v in verdicts("controllers.trajectories", Jerky) if v.trouble}
     assert list(broken) == [
         "The derivatives of its flat outputs are those of its path.",
         "It starts at rest, so that nothing jumps at the first command.",
     ]
     assert "off by 0.1" in broken["The derivatives of its flat outputs are those of its path."]
-    assert any("frozen=True" in v.trouble for v in verdicts("controllers.trajectories", Loose()))
+    assert any("frozen=True" in v.trouble for v in verdicts("controllers.trajectories", Loose))
 
 
 def test_what_a_member_raises_is_a_verdict() -> None:
     class Broken:
         """Has nothing."""
 
-    assert all(v.trouble for v in verdicts("controllers.laws", Broken()))
+    assert all(v.trouble for v in verdicts("controllers.laws", Broken))

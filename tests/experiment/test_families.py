@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 import pytest
 
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import members
+from heli_twin.experiment.families import _ours, members
 from heli_twin.experiment.fields import fields_of
 
 PACKAGES = sorted(part.family.package for part in fields_of(Experiment).values() if part.family)
@@ -81,8 +81,8 @@ class Elsewhere:
 
 def test_what_is_only_imported_is_no_member(monkeypatch):
     monkeypatch.setattr("heli_twin.lab.compute.Elsewhere", Elsewhere, raising=False)
-    members.cache_clear()
+    _ours.cache_clear()
     try:
         assert "elsewhere" not in members("heli_twin.lab.compute")
     finally:
-        members.cache_clear()
+        _ours.cache_clear()
