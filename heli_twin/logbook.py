@@ -17,8 +17,18 @@ from controllers.proxqp import BUILD
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.families import HELI_TWIN, origin_of
+from heli_twin.experiment.own import OWN, other_sources
 from heli_twin.experiment.past import PHYSICS_VERSION, UNRECORDED_VERSION
-from heli_twin.experiment.tree import ExperimentError, canonical_json, from_json, toml_of
+from heli_twin.experiment.tree import (
+    ExperimentError,
+    canonical_json,
+    experiment_of,
+    from_json,
+    parsed,
+    toml_of,
+    tree_of,
+)
 from heli_twin.recording import Attachment, Log, Recorder, read_log
 from heli_twin.recording.writer import Listener
 
@@ -114,7 +124,7 @@ def begin_log(
     return Recorder(
         path,
         experiment=canonical_json(experiment),
-        metadata=provenance() | dict(metadata or {}),
+        metadata=provenance() | _own_origins(experiment) | dict(metadata or {}),
         attachments=attachments,
         listeners=listeners,
     )
@@ -149,6 +159,50 @@ def flown_experiment(log: Log) -> Experiment:
         return from_json(log.experiment)
     except ExperimentError as error:
         raise ExperimentError(f"the log's experiment is none of this version of heli_twin: {error}") from None
+
+
+def viewed_experiment(log: Log) -> Experiment:
+    """The experiment of a log for the eye: what a class of a user's own stands for is a member of ours.
+
+    Of its controller the period and the believed model are kept, so that limits and deadlines are right.
+
+    Raises:
+        ExperimentError: The text is not an experiment that this version knows.
+    """
+    tree = parsed(log.experiment)
+    ours = tree_of(Experiment())
+    for name, table in tree.items():
+        if isinstance(table, dict) and OWN in table:
+            kept = {key: table[key] for key in ("period", "model") if key in table and key in ours[name]}
+            tree[name] = ours[name] | kept
+        elif isinstance(table, dict) and name in ("disturbances", "faults"):
+            tree[name] = {key: part for key, part in table.items() if not (isinstance(part, dict) and OWN in part)}
+    return experiment_of(tree)
+
+
+def own_notices(log: Log) -> list[str]:
+    """A sentence for each class of a user's own that is here with another source than the log was flown with.
+
+    Raises:
+        ExperimentError: The text is not an experiment.
+    """
+    return [*other_sources(parsed(log.experiment))]
+
+
+def _own_origins(experiment: Experiment) -> dict[str, str]:
+    """For the log's metadata: the file name, import path or package of each class of a user's own."""
+    origins: dict[str, str] = {}
+    for name in GROUPED_FIELDS:
+        parts = getattr(experiment, name)
+        for part in parts if isinstance(parts, tuple) else (parts,):
+            spec = type(getattr(part, "member", part))
+            if (origin := origin_of(spec)) != HELI_TWIN:
+                origins[f"own.{name}.{spec.__name__}"] = origin
+    return origins
+
+
+GROUPED_FIELDS = ("trajectory", "controller", "estimator", "plant", "disturbances", "faults")
+"""Parts of an experiment that may be of a class of a user's own."""
 
 
 def physics_version(log: Log) -> int:

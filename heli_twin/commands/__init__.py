@@ -104,6 +104,31 @@ def file_path(text: str) -> Path:
     return Path(text)
 
 
+def add_with(parser: ArgumentParser) -> None:
+    """Add `--with`, for logs that were flown by classes of a user's own; `load_with` reads it."""
+    parser.add_argument(
+        "--with",
+        dest="own",
+        action="append",
+        default=[],
+        metavar="FILE.py | PACKAGE.MODULE:CLASS",
+        help="the control law or another member of your own that the log was flown with; a log holds no code",
+    )
+
+
+def load_with(parsed: Namespace) -> None:
+    """Load the members that `--with` names.
+
+    Raises:
+        FamilyError: One cannot be loaded.
+    """
+    if parsed.own:
+        from heli_twin.experiment.families import own_members
+
+        for reference in parsed.own:
+            own_members(reference)
+
+
 def say(line: str) -> None:
     """Print a line in which text from logs, files or arguments may stand: no control characters, not too long."""
     print(clean(line, LINE_LIMIT))

@@ -48,14 +48,16 @@ def about(log: "Log") -> dict[str, Any]:
     """The facts that `info` prints about a log, as JSON can hold them."""
     from controllers.supervisors import PHASES
     from heli_twin.experiment.differences import fly_words
-    from heli_twin.experiment.tree import ExperimentError, canonical_json
+    from heli_twin.experiment.tree import ExperimentError, parsed
     from heli_twin.logbook import flown_experiment
     from heli_twin.metrics.tracking import metrics
 
     experiment = words = problem = None
     try:
-        text = canonical_json(flown_experiment(log))
-        experiment, words = json.loads(text), fly_words(text)
+        # The text as it was flown, fields of later versions included; the classes that it names need not be here.
+        experiment = parsed(log.experiment)
+        words = fly_words(json.dumps(experiment))
+        flown_experiment(log)
     except ExperimentError as error:
         problem = str(error)
     return {

@@ -47,11 +47,11 @@ def saved(log: "Log") -> str:
 def lost(log: "Log") -> str:
     """One sentence: the parts of the flight that a recovered log lacks."""
     from heli_twin.experiment.tree import ExperimentError
-    from heli_twin.logbook import flown_experiment
+    from heli_twin.logbook import viewed_experiment
 
     missing = [f"{1e-9 * (b - a):.2f} s from {1e-9 * a:.2f} s on" for a, b in _gaps(log)]
     try:
-        left = flown_experiment(log).duration - 1e-9 * _end(log)
+        left = viewed_experiment(log).duration - 1e-9 * _end(log)
     except ExperimentError:
         left = 0.0
     if log.outcome == "interrupted":

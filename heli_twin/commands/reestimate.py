@@ -3,7 +3,7 @@
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command, file_path
+from heli_twin.commands import add_with, command, file_path, load_with
 
 if TYPE_CHECKING:
     from heli_twin.reanalysis.reestimate import Consistency, Reestimation
@@ -33,6 +33,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         metavar="estimator.path=value",
         help="changes of the estimator, or of controller.model, which it believes in",
     )
+    add_with(parser)
     parser.add_argument("--yes", action="store_true", help="do it even if it takes longer than ten minutes")
 
 
@@ -44,6 +45,7 @@ def run(parsed: Namespace) -> int:
     from heli_twin.reanalysis.effort import ESTIMATOR_STEP_S, require_agreement
     from heli_twin.reanalysis.reestimate import ESTIMATE_TOLERANCE, largest_difference, reestimate, same_bits
 
+    load_with(parsed)
     log = opened(parsed.log)
     steps = max(len(log.estimate.time), len(log.sent.time), len(log.pose.time))
     require_agreement(ESTIMATOR_STEP_S * steps, "running the estimator again", parsed.yes)

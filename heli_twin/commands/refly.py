@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heli_twin.commands import command, file_path, progress_bar, say
+from heli_twin.commands import add_with, command, file_path, load_with, progress_bar, say
 from heli_twin.foreign_text import clean
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "--log-dir", type=Path, metavar="DIR", help="where the new log goes (default logs/; none without changes)"
     )
     where.add_argument("--no-log", action="store_true", help="keep no log")
+    add_with(parser)
     parser.add_argument("--yes", action="store_true", help="do it even if it takes longer than ten minutes")
 
 
@@ -43,14 +44,16 @@ def run(parsed: Namespace) -> int:
     import numpy as np
 
     from heli_twin.experiment.text import changed
-    from heli_twin.logbook import flown_experiment, opened, physics_notice
+    from heli_twin.logbook import flown_experiment, opened, own_notices, physics_notice
     from heli_twin.reanalysis.effort import flight_effort, require_agreement
     from heli_twin.reanalysis.refly import refly
 
+    load_with(parsed)
     log = opened(parsed.log)
     flown = flown_experiment(log)
-    if notice := physics_notice(log):
-        print(notice)
+    for notice in (physics_notice(log), *own_notices(log)):
+        if notice:
+            say(notice)
     experiment = changed(flown, parsed.overrides)
     require_agreement(flight_effort(experiment), "flying this log again", parsed.yes)
     differs = experiment != flown

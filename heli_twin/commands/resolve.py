@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command, file_path, say
+from heli_twin.commands import add_with, command, file_path, load_with, say
 
 if TYPE_CHECKING:
     from heli_twin.reanalysis.resolve import Resolution
@@ -37,6 +37,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--log-dir", type=Path, metavar="DIR", help="where the new log goes (default beside RUN.mcap; needs changes)"
     )
+    add_with(parser)
     parser.add_argument("--yes", action="store_true", help="do it even if it takes longer than ten minutes")
 
 
@@ -49,6 +50,7 @@ def run(parsed: Namespace) -> int:
     from heli_twin.reanalysis.resolve import INPUT_TOLERANCE, resolve, resolved_experiment, write
     from heli_twin.whole_file import free_path
 
+    load_with(parsed)
     log = opened(parsed.log)
     experiment = resolved_experiment(log, parsed.overrides)
     require_agreement(control_effort(experiment, len(log.estimate.time)), "solving these problems again", parsed.yes)

@@ -7,7 +7,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import command, progress_bar, say
+from heli_twin.commands import add_with, command, load_with, progress_bar, say
 from heli_twin.foreign_text import clean
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     fly = command(actions, "fly", refly, "fly one run again", "Fly one run again, by the id in a report.", REFLY)
     fly.add_argument("study", help=folder[0])
     fly.add_argument("id", help="the run's id, or how it begins")
+    add_with(fly)
     command(actions, "list", listing, "the studies that come with heli_twin", "List them.", "  heli-twin study list")
 
 
@@ -244,6 +245,7 @@ def refly(parsed: Namespace) -> int:
     from heli_twin.mission import fly
     from heli_twin.studies.worst import experiment_by_id
 
+    load_with(parsed)
     folder = folder_of(parsed.study)
     result = fly(from_json(experiment_by_id(folder, parsed.id)), log_dir=folder / "reflown")
     show(result.summary())

@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.own import OWN
 from heli_twin.experiment.text import load, presets
 from heli_twin.experiment.tree import Tree, parsed, tree_of
 from heli_twin.pasteable import pasteable
@@ -44,7 +45,8 @@ def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
             yield from changes(_defaults(path, _added(key, value)), value, f"{path}.")
         elif value.get("kind") != before[key].get("kind"):
             yield Change(path, before[key]["kind"], value["kind"], is_member=True)
-            yield from changes(_defaults(path, value["kind"]), value, f"{path}.")
+            if OWN not in value:
+                yield from changes(_defaults(path, value["kind"]), value, f"{path}.")
         else:
             yield from changes(before[key], value, f"{path}.")
     for key, value in before.items():
@@ -87,7 +89,12 @@ def fly_words(experiment: str) -> list[str]:
     """The arguments of `fly_command`: a preset other than the lab, and the changes of fields."""
     tree = parsed(experiment)
     candidates = [
-        [name] * (name != "lab") + [f"{change.path}={_text(change.after)}" for change in changes(base, tree)]
+        [name] * (name != "lab")
+        + [
+            f"{change.path}={_text(change.after)}"
+            for change in changes(base, tree)
+            if not change.path.endswith(f".{OWN}")
+        ]
         for name, base in _bases().items()
     ]
     return min(candidates, key=lambda words: len(pasteable(*words)))

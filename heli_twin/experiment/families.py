@@ -10,17 +10,18 @@ A member is a frozen dataclass with a field `kind`.
 """
 
 import hashlib
-import importlib.util
+import inspect
 import re
 import sys
-from collections.abc import Iterator
+import traceback
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from pkgutil import iter_modules
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any, NamedTuple, TypeGuard
 
 from controllers.markers import EachOf, OneOf
@@ -28,6 +29,8 @@ from heli_twin.errors import HeliTwinError
 
 __all__ = ["GROUPS", "EachOf", "FamilyError", "Member", "OneOf", "all_members", "members", "own_member"]
 
+HELI_TWIN = "heli_twin"
+"""The origin of our own members."""
 GROUPS = {
     "controllers.trajectories": "heli_twin.trajectories",
     "controllers.laws": "heli_twin.controllers",
@@ -52,6 +55,18 @@ class Member(NamedTuple):
     spec: type
     origin: str
     """For a person: `heli_twin`, the file, the import path or the package that it comes from."""
+
+
+class OwnSource(NamedTuple):
+    """A member of a user's own, as it is sent to another process."""
+
+    package: str
+    """Of its family."""
+    reference: str
+    """The import path, or the name of its file."""
+    class_name: str
+    source: bytes
+    """Of its file; empty where it is imported."""
 
 
 _named: dict[str, dict[str, Member]] = {}
@@ -89,7 +104,7 @@ def _ours(package: str) -> dict[str, Member]:
     home = import_module(package)
     rooms = iter_modules(getattr(home, "__path__", []))
     modules: list[ModuleType] = [home, *(import_module(f"{package}.{room.name}") for room in rooms)]
-    return {_kind(spec): Member(spec, "heli_twin") for module in modules for spec in _specs_in(module)}
+    return {_kind(spec): Member(spec, HELI_TWIN) for module in modules for spec in _specs_in(module)}
 
 
 @cache
@@ -110,6 +125,11 @@ def _installed(package: str) -> dict[str, Member]:
 def is_reference(text: str) -> bool:
     """Return whether a text names a member by a file or an import path, not by its kind."""
     return bool(_FILE.fullmatch(text) or _IMPORT.fullmatch(text))
+
+
+def is_file_reference(text: str) -> bool:
+    """Return whether a text names a member by its file."""
+    return bool(_FILE.fullmatch(text))
 
 
 def own_member(package: str, reference: str) -> str:
@@ -134,6 +154,57 @@ def own_member(package: str, reference: str) -> str:
     _add(all_members(package), kind, Member(spec, reference))
     named[kind] = Member(spec, reference)
     return kind
+
+
+def origin_of(spec: type) -> str:
+    """The file name, import path or package that a class comes from; never a path of this machine."""
+    for family in _named.values():
+        for member in family.values():
+            if member.spec is spec:
+                return _sent_reference(member)
+    module = spec.__module__
+    return HELI_TWIN if module.partition(".")[0] in (HELI_TWIN, "controllers") else f"{module}:{spec.__qualname__}"
+
+
+def own_members(reference: str) -> None:
+    """Load every member that a file or an import path holds, for the rest of this process.
+
+    Raises:
+        FamilyError: It cannot be loaded, holds no member, or a kind belongs to another member.
+    """
+    specs = specs_at(reference)
+    if not specs:
+        raise FamilyError(f"{reference} holds no member of a family: a frozen dataclass with a field kind")
+    for package, spec in specs:
+        own_member(package, reference if reference.endswith(f":{spec.__name__}") else f"{reference}:{spec.__name__}")
+
+
+def own_sources() -> tuple[OwnSource, ...]:
+    """The members that were named in this process, for another process; see `load_own_sources`."""
+    return tuple(
+        OwnSource(package, _sent_reference(member), member.spec.__name__, _sources.get(member.spec.__module__, b""))
+        for package, family in _named.items()
+        for member in family.values()
+    )
+
+
+def _sent_reference(member: Member) -> str:
+    match = _FILE.fullmatch(member.origin)
+    return Path(match["file"]).name if match else member.origin
+
+
+def load_own_sources(sources: Sequence[OwnSource]) -> None:
+    """Make the members of another process those of this one.
+
+    Raises:
+        FamilyError: One cannot be loaded here.
+    """
+    for package, reference, class_name, source in sources:
+        if not source:
+            own_member(package, reference)
+            continue
+        spec = _named_class(reference, _module_from(Path(reference), source), class_name)
+        _named.setdefault(package, {})[_kind(spec)] = Member(spec, reference)
 
 
 def specs_at(reference: str) -> list[tuple[str, type]]:
@@ -202,37 +273,59 @@ def _fits(package: str, spec: type) -> bool:
     return all(name in names for name in needs) if needs else not names & _MARKS
 
 
+_sources: dict[str, bytes] = {}
+"""Of each module that was made from a user's file: its source."""
+
+
+def source_hash(spec: type) -> str:
+    """A hash of the source of the module that defines a class; `unknown` where there is none, as in a prompt."""
+    source = _sources.get(spec.__module__)
+    if source is None:
+        try:
+            source = inspect.getsource(sys.modules[spec.__module__]).encode()
+        except (OSError, TypeError, KeyError):
+            return "unknown"
+    return hashlib.sha256(b"\n".join(source.splitlines())).hexdigest()[:16]
+
+
 def _module_of(file: Path) -> ModuleType:
     """A user's file as a module; its folder is on the path while it loads, as for a script."""
     try:
         source = file.read_bytes()
     except OSError as error:
         raise FamilyError(f"{file} cannot be opened: {error.strerror or error}") from None
+    folder = str(file.parent.absolute())
+    sys.path.insert(0, folder)
+    try:
+        return _module_from(file, source)
+    finally:
+        sys.path.remove(folder)
+
+
+def _module_from(file: Path, source: bytes) -> ModuleType:
     name = f"heli_twin_own_{file.stem}_{hashlib.sha256(source).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        raise FamilyError(f"{file} is no Python file")
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(name)
+    module.__file__ = str(file)
+    # Dataclasses look for their module.
     sys.modules[name] = module
-    sys.path.insert(0, str(file.parent.absolute()))
+    _sources[name] = source
     try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        del sys.modules[name]
-        line = next((f", line {t.tb_lineno}" for t in _frames(error) if t.tb_frame.f_code.co_filename == str(file)), "")
-        raise FamilyError(f"{file}{line} cannot be loaded: {type(error).__name__}: {error}") from error
-    finally:
-        sys.path.remove(str(file.parent.absolute()))
+        exec(compile(source, str(file), "exec"), module.__dict__)
+    except BaseException as error:
+        del sys.modules[name], _sources[name]
+        if not isinstance(error, Exception):
+            raise
+        line = error.lineno if isinstance(error, SyntaxError) else _line_in(str(file), error)
+        raise FamilyError(f"{file}, line {line} cannot be loaded: {type(error).__name__}: {error}") from error
     return module
 
 
-def _frames(error: BaseException) -> Iterator[TracebackType]:
-    trace = error.__traceback__
-    while trace is not None:
-        yield trace
-        trace = trace.tb_next
+def _line_in(file: str, error: Exception) -> int:
+    """The last line of a file that an exception went through."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    return (lines or [0])[-1] or 0
 
 
 def _specs_in(module: ModuleType) -> list[type]:

@@ -1,17 +1,17 @@
-"""Classes of a user's own in an experiment: they fly as they are, but no text describes them.
+"""Classes of a user's own in an experiment: they fly as they are, and a text marks them.
 
-In the text of an experiment such a member is marked with its class and a hash of the class's source. So its flight has
-another digest than that of a member of heli_twin, and a text with the mark is never read back as something else.
+The mark is the name of the class and a hash of the source of its module. So a flight has another digest than that of a
+member of heli_twin, and a text with the mark is never read back as something else: the class has to be there, named by
+the user (`--with ./my_law.py`) or installed. No code and no path comes from a log.
 """
 
-import hashlib
-import inspect
-from functools import cache
+from collections.abc import Iterator
 from typing import Any, get_args
 
 from controllers.markers import EachOf
-from heli_twin.experiment.families import members
-from heli_twin.experiment.fields import FieldInfo
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.families import HELI_TWIN, all_members, source_hash
+from heli_twin.experiment.fields import FieldInfo, fields_of
 from heli_twin.experiment.values import ExperimentError
 
 OWN = "own_class"
@@ -19,36 +19,60 @@ OWN = "own_class"
 
 
 def own_class(value: Any, info: FieldInfo) -> str:
-    """Return the mark of a part of an experiment: its class and a hash of the source; empty for heli_twin's own.
+    """Return the mark of a part of an experiment: its class and a hash of its source; empty for heli_twin's own.
 
     Args:
         value: The part: a member of a family or a table of fields.
         info: The field in which it stands.
     """
-    known = members(info.family.package).values() if info.family else [info.type]
-    return "" if type(value) in known else _mark(type(value))
+    if info.family is None:
+        return "" if type(value) is info.type else mark_of(type(value))
+    known = all_members(info.family.package).values()
+    return "" if any(m.spec is type(value) and m.origin == HELI_TWIN for m in known) else mark_of(type(value))
 
 
-@cache
-def _mark(spec: type) -> str:
-    try:
-        source = hashlib.sha256(inspect.getsource(spec).encode()).hexdigest()[:16]
-    except (OSError, TypeError):
-        source = "unknown"
-    return f"{spec.__name__}, source {source}"
+def mark_of(spec: type) -> str:
+    """The mark of a class of a user's own."""
+    return f"{spec.__name__}, source {source_hash(spec)}"
 
 
-def refuse_own(table: Any, path: str) -> None:
-    """Refuse a table with the mark of a user's class.
+def without_mark(table: Any, path: str, package: str | None = None) -> Any:
+    """A table without its mark, if the class that it stands for is there.
+
+    Args:
+        table: What stands in the experiment.
+        path: Its dotted path.
+        package: Of its family; None for a table that is no member.
 
     Raises:
-        ExperimentError: It has the mark.
+        ExperimentError: The class is not there.
     """
-    if isinstance(table, dict) and OWN in table:
+    if not isinstance(table, dict) or OWN not in table:
+        return table
+    mine = all_members(package).get(str(table.get("kind"))) if package else None
+    if mine is None or mine.origin == HELI_TWIN:
         raise ExperimentError(
-            f"{path} is of its user's own class ({str(table[OWN])[:80]!r}), which no text describes: fly it from the"
-            " Python program that has the class, or name a member of heli_twin in its place"
+            f"{path} is of a class of its user's own, {str(table[OWN])[:80]!r}, which is not here: name the file or the"
+            " import path of the class, as in --with ./my_law.py, or a member of heli_twin in its place"
         )
+    return {key: value for key, value in table.items() if key != OWN}
+
+
+def other_sources(tree: Any, spec: type = Experiment, here: str = "") -> Iterator[str]:
+    """A sentence for each part of a logged experiment whose class is here with another source than the logged one."""
+    if not isinstance(tree, dict):
+        return
+    for name, info in fields_of(spec).items():
+        if info.family is None:
+            continue
+        tables = tree.get(name)
+        parts = tables if isinstance(info.family, EachOf) else {"": tables}
+        for key, table in (parts if isinstance(parts, dict) else {}).items():
+            if isinstance(table, dict) and OWN in table:
+                mine = all_members(info.family.package).get(str(table.get("kind")))
+                if mine and (mark := mark_of(mine.spec)) != table[OWN]:
+                    path = f"{here}{name}.{key}".rstrip(".")
+                    yield f"{path} was flown by {str(table[OWN])[:80]!r}, here it is {mark!r} of {mine.origin}"
 
 
 def interface(info: FieldInfo) -> list[str]:

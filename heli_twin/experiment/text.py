@@ -10,15 +10,17 @@ import reprlib
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import is_dataclass
+from functools import reduce
 from importlib.resources import files
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
 from controllers.markers import EachOf, OneOf
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import members
+from heli_twin.experiment.families import is_file_reference, is_reference, members, own_member
 from heli_twin.experiment.fields import fields_of
-from heli_twin.experiment.own import OWN, refuse_own
+from heli_twin.experiment.own import OWN, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
 from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of, unknown_field
 from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, cut, instead, listing
@@ -102,6 +104,11 @@ def _read(source: str) -> tuple[Tree, int]:
         raise ExperimentError(f"cannot read {cut(path, 200)}: it is not UTF-8 text") from None
     except _NOT_TOML as error:
         raise ExperimentError(f"{cut(path, 200)} is not valid TOML: {cut(error, 200)}") from None
+    for name, value in [*_leaves(tree)]:
+        if isinstance(value, str) and is_file_reference(value):
+            # A file of the user's own stands beside the TOML that names it.
+            table, _, key = name.rpartition(".")
+            reduce(getitem, filter(None, table.split(".")), tree)[key] = str(path.parent / value)
     version = tree.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
         raise ExperimentError(
@@ -193,7 +200,8 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
     known = fields_of(spec)
     table = path.split(".")[: -len(rest) - 1]
     if key == OWN:
-        refuse_own({OWN: value}, ".".join(table))
+        node[OWN] = value
+        return
     if key not in known:
         raise unknown_field(".".join([*table, key]), known)
     info = known[key]
@@ -201,6 +209,8 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
         case EachOf():
             _put_each(node[key], info.family, rest, value, path)
         case OneOf():
+            if (rest == ["kind"] or not rest) and isinstance(value, str) and is_reference(value):
+                value = own_member(info.family.package, value)
             kinds = members(info.family.package)
             if rest == ["kind"] or (not rest and isinstance(value, str)):
                 if not isinstance(value, str) or value not in kinds:
@@ -208,14 +218,14 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 if node[key]["kind"] != value or OWN in node[key]:
                     node[key] = table_of(kinds[value]())
             elif rest:
-                refuse_own(node[key], ".".join([*table, key]))
+                node[key] = without_mark(node[key], ".".join([*table, key]), info.family.package)
                 _put(node[key], kinds[node[key]["kind"]], rest, value, path)
             else:
                 raise ExperimentError(f"{path} = {reprlib.repr(value)} names no {key}. {listing(kinds)}")
         case None if isinstance(info.type, type) and is_dataclass(info.type):
             if not rest:
                 raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(fields_of(info.type))}")
-            refuse_own(node[key], ".".join([*table, key]))
+            without_mark(node[key], ".".join([*table, key]))
             _put(node[key], info.type, rest, value, path)
         case None:
             if rest:
@@ -258,6 +268,8 @@ def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str
     if not keys:
         raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(kinds)}")
     name, *rest = keys
+    if (rest == ["kind"] or not rest) and isinstance(value, str) and is_reference(value):
+        value, kinds = own_member(family.package, value), members(family.package)
     kind = node[name]["kind"] if name in node else name
     if rest == ["kind"] or (not rest and isinstance(value, str) and value not in ("on", "off")):
         kind = kind_under(name, value, kinds, path.removesuffix(".kind"))
@@ -265,8 +277,11 @@ def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str
             node[name] = table_of(kinds[kind]())
         return
     table = ".".join(path.split(".")[: -len(keys)])
-    if rest:
-        refuse_own({OWN: value} if rest == [OWN] else node.get(name), f"{table}.{name}")
+    if rest == [OWN]:
+        node.setdefault(name, {"kind": kind})[OWN] = value
+        return
+    if rest and name in node:
+        node[name] = without_mark(node[name], f"{table}.{name}", family.package)
     if kind not in kinds and not (value == "off" and name in node):
         raise ExperimentError(
             f"unknown {table} {instead(name, {**kinds, **node})}; to add one with a name of its own, write its kind:"

@@ -14,7 +14,7 @@ from controllers.markers import EachOf, Named, by_name, checked_name
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import FieldInfo, fields_of
-from heli_twin.experiment.own import OWN, own_class, refuse_own
+from heli_twin.experiment.own import OWN, own_class, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past
 from heli_twin.experiment.values import ExperimentError, check_size, checked_value, cut, instead, listing, plain
 
@@ -92,13 +92,14 @@ def _spec(spec: type, tree: Any, here: str) -> Any:
             continue
         if not isinstance(value, dict):
             raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a table")
-        refuse_own(value, path)
+        value = without_mark(value, path, info.family.package if info.family else None)
         if info.family is None:
             values[name] = _spec(info.type, value, f"{path}.")
             continue
-        kinds = members(info.family.package)
+        package = info.family.package
+        kinds = members(package)
         if isinstance(info.family, EachOf):
-            values[name] = tuple(_each(kinds, key, table, f"{path}.{key}") for key, table in sorted(value.items()))
+            values[name] = tuple(_each(package, key, table, f"{path}.{key}") for key, table in sorted(value.items()))
         else:
             values[name] = _spec(kinds[_known(value.get("kind"), kinds, name)], value, f"{path}.")
     try:
@@ -122,11 +123,11 @@ def unknown_field(path: str, known: Iterable[str], elsewhere: Sequence[str] = ()
     return ExperimentError(f"unknown field '{cut(path, 100)}': {hint}{listing(known)}")
 
 
-def _each(kinds: dict[str, type], name: str, table: Any, path: str) -> Any:
+def _each(package: str, name: str, table: Any, path: str) -> Any:
     """One of several members; it is `Named` unless its name is its kind."""
     if not isinstance(table, dict):
         raise ExperimentError(f"{path} = {reprlib.repr(table)} is not a table")
-    refuse_own(table, path)
+    table, kinds = without_mark(table, path, package), members(package)
     kind = kind_under(name, table.get("kind", name), kinds, path)
     member = _spec(kinds[kind], table, f"{path}.")
     return member if name == kind else Named(name, member)

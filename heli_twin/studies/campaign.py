@@ -12,6 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from heli_twin.experiment.families import own_sources
 from heli_twin.experiment.tree import parsed
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Point, Row
@@ -191,6 +192,7 @@ class Campaign:
             keep_log=bool(stride) and n % stride == stride // 2,
             keep_failed=self._failures_kept < logs.failed,
             keep_above=self._threshold(),
+            own=own_sources(),
         )
 
     def _threshold(self) -> float | None:

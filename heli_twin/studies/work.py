@@ -36,6 +36,7 @@ def fly_with_code(work: Work, files: str, code: str, task: Task) -> Flown:
 
 def fly_task(task: Task) -> Flown:
     """Fly a run; a failed flight is a row like any other."""
+    from heli_twin.experiment.families import FamilyError, load_own_sources
     from heli_twin.experiment.tree import ExperimentError, from_json
     from heli_twin.mission import fly
     from heli_twin.recording import read_log
@@ -44,10 +45,11 @@ def fly_task(task: Task) -> Flown:
     began = perf_counter()
     about = {"id": task.id, "host": socket.gethostname()}
     try:
+        load_own_sources(task.own)
         experiment = from_json(task.experiment)
         result = fly(experiment, log_dir=None)
         log = read_log(BytesIO(result.data or b""), DECODED_TOPICS)
-    except ExperimentError as error:
+    except (ExperimentError, FamilyError) as error:
         return Flown(about | {"outcome": "refused", "outcome_text": str(error)})
     row = about | columns(log, experiment) | {"real_time_factor": result.real_time_factor}
     score: Any = row.get(task.score)

@@ -11,8 +11,7 @@ from controllers.rotations import yaw_of
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.differences import differences
-from heli_twin.experiment.tree import from_json
-from heli_twin.logbook import planned_path
+from heli_twin.logbook import planned_path, viewed_experiment
 from heli_twin.recording import Log, read_log
 from heli_twin.recording.log import Messages
 from heli_twin.recording.schema import LAYOUTS
@@ -82,7 +81,7 @@ def flights(paths: Sequence[Path]) -> Flights:
         ExperimentError: It was flown by another version, whose experiment this one does not know.
     """
     logs = [read_log(path) for path in paths]
-    return Flights(logs, [from_json(log.experiment) for log in logs], [path.name for path in paths])
+    return Flights(logs, [viewed_experiment(log) for log in logs], [path.name for path in paths])
 
 
 def with_truth(log: Log) -> Log:

@@ -17,6 +17,8 @@ class Task(NamedTuple):
     """Keep the log if the flight does not complete."""
     keep_above: float | None
     """Keep the log if the flight completes with a greater score than this; None: do not look at the score."""
+    own: tuple[Any, ...] = ()
+    """The members of the user's own that the driver has named (`families.OwnSource`)."""
 
 
 class Flown(NamedTuple):

@@ -1,0 +1,186 @@
+"""Strangers' members fly like ours: named by object, file or import path, swept, logged honestly, flown again."""
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from heli_twin import Experiment, HeliTwinError, fly, load, read_log
+from heli_twin.cli import main
+from heli_twin.experiment import families
+from heli_twin.studies.campaign import run_study
+from heli_twin.studies.results import rows_of
+from heli_twin.studies.study import study_of
+
+HERE = Path(__file__).parent
+SHORT = ["duration=2", "trajectory=hover"]
+
+
+@pytest.fixture(autouse=True)
+def nothing_named() -> Iterator[None]:
+    """What one test names is unknown to the next."""
+    families._named.clear()
+    yield
+    families._named.clear()
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    """A folder of a user's own."""
+    for name in ("my_law.py", "helix.py"):
+        shutil.copy(HERE / name, tmp_path / name)
+    return tmp_path
+
+
+def test_three_ways_to_name_a_law_give_one_flight(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(mine))
+    by_file = fly(load("lab", [*SHORT, f"controller={mine / 'my_law.py'}"]), log_dir=None)
+    families._named.clear()
+    by_import = fly(load("lab", [*SHORT, "controller=my_law:MyLaw"]), log_dir=None)
+    families._named.clear()
+    from my_law import MyLaw
+
+    base = load("lab", SHORT)
+    by_object = fly(Experiment(duration=2.0, trajectory=base.trajectory, controller=MyLaw()), log_dir=None)
+    assert by_file.flight_digest == by_import.flight_digest == by_object.flight_digest
+    assert by_file.outcome.kind == "completed"
+    sys.modules.pop("my_law", None)
+
+
+def test_its_fields_are_overridden_like_ours(mine: Path) -> None:
+    law = f"controller={mine / 'my_law.py'}"
+    assert load("lab", [law, "controller.gain=3"]).controller.gain == 3.0
+    with pytest.raises(HeliTwinError, match=r"controller\.gain = -1"):
+        load("lab", [law, "controller.gain=-1"])
+
+
+def test_a_file_in_toml_stands_beside_the_toml(mine: Path) -> None:
+    (mine / "x.toml").write_text('duration = 2\ncontroller = "./my_law.py"\n[trajectory]\nkind = "./helix.py:Helix"\n')
+    experiment = load(str(mine / "x.toml"))
+    assert (experiment.controller.kind, experiment.trajectory.kind) == ("my_law", "helix")
+
+
+def test_another_source_is_another_flight(mine: Path) -> None:
+    first = fly(load("lab", [*SHORT, f"controller={mine / 'my_law.py'}"]), log_dir=None)
+    text = (mine / "my_law.py").read_text()
+    (mine / "my_law.py").write_text(text + "\n# changed\n")
+    second = fly(load("lab", [*SHORT, f"controller={mine / 'my_law.py'}"]), log_dir=None)
+    assert first.flight_digest != second.flight_digest
+
+
+def test_a_log_needs_the_class_to_fly_again_and_for_nothing_else(
+    mine: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    law, log = str(mine / "my_law.py"), mine / "logs"
+    assert (
+        main(
+            [
+                "fly",
+                *SHORT,
+                f"controller={law}",
+                "disturbances.up=" + str(mine / "helix.py:Thermal"),
+                "--log-dir",
+                str(log),
+            ]
+        )
+        == 0
+    )
+    (run,) = log.glob("*.mcap")
+    assert str(mine) not in json.dumps([read_log(run).experiment, dict(read_log(run).metadata)])
+    kept = mine / "kept"
+    kept.mkdir()
+    for name in ("my_law.py", "helix.py"):
+        shutil.move(mine / name, kept / name)
+    families._named.clear()
+    capsys.readouterr()
+    assert main(["info", str(run)]) == 0
+    assert "MyLaw" in capsys.readouterr().out
+    assert main(["replay", str(run), "--save", str(mine / "x.rrd")]) == 0
+    assert main(["export", str(run), "--parquet", str(mine / "tables")]) == 0
+    assert main(["refly", str(run)]) == 2
+    assert "--with ./my_law.py" in capsys.readouterr().err
+    words = ["--with", str(kept / "my_law.py"), "--with", str(kept / "helix.py")]
+    assert main(["refly", str(run), *words]) == 0
+    assert "identical" in capsys.readouterr().out
+    (kept / "my_law.py").write_text((kept / "my_law.py").read_text().replace("0.5 * error[4]", "0.6 * error[4]"))
+    families._named.clear()
+    main(["refly", str(run), *words])
+    assert "controller was flown by 'MyLaw, source" in capsys.readouterr().out
+
+
+def test_a_study_sweeps_it_on_workers(mine: Path) -> None:
+    study = study_of(
+        {
+            "name": "mine",
+            "base": {
+                "preset": "ideal",
+                "duration": 2.5,
+                "controller": str(mine / "my_law.py"),
+                "trajectory": str(mine / "helix.py:Helix"),
+            },
+            "axes": {"controller.gain": [0.5, 1.0, 2.0]},
+        }
+    )
+    run_study(study, mine / "out")
+    rows = rows_of(mine / "out")
+    assert [row["outcome"] for row in rows] == ["completed"] * 3
+    assert len({row["digest"] for row in rows}) == 3
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("controller=./nowhere.py", "nowhere.py cannot be opened"),
+        ("controller={}/my_law.py:Other", "Other is no dataclass with a field kind"),
+        ("controller=no_such.module:Mine", "cannot be imported"),
+        ("controller={}/helix.py", "has 0 members of laws"),
+        ("controller={}/broken.py", "broken.py, line 2 cannot be loaded: ZeroDivisionError"),
+        ("controller={}/clash.py", "two members have the kind 'pid': that of heli_twin and that of"),
+    ],
+)
+def test_what_cannot_be_loaded_is_told(mine: Path, word: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (mine / "broken.py").write_text('"""Broken."""\n1 / 0\n')
+    (mine / "clash.py").write_text((mine / "my_law.py").read_text().replace('"my_law"', '"pid"'))
+    assert main(["fly", "duration=0.1", "--no-log", word.format(mine)]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_package_adds_members_by_entry_points(mine: Path) -> None:
+    """In an environment of its own: a folder with the metadata that an installer writes."""
+    (mine / "my_package-1.0.dist-info").mkdir()
+    (mine / "my_package-1.0.dist-info" / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n"
+    )
+    (mine / "my_package-1.0.dist-info" / "entry_points.txt").write_text(
+        "[heli_twin.controllers]\nmy_law = my_law:MyLaw\n[heli_twin.trajectories]\nhelix = helix:Helix\n"
+    )
+    paths = {"PYTHONPATH": ":".join([str(mine), *sys.path])}
+    listed = subprocess.run(
+        [sys.executable, "-m", "heli_twin", "list", "--json"], env=paths, capture_output=True, text=True, check=True
+    )
+    rows: list[dict[str, Any]] = json.loads(listed.stdout)
+    assert {"kind": "my_law", "from": "the package my-package"}.items() <= next(
+        row for row in rows if row["kind"] == "my_law"
+    ).items()
+    words = ["fly", "duration=0.5", "controller=my_law", "trajectory=helix", "--no-log", "--json"]
+    flown = subprocess.run(
+        [sys.executable, "-m", "heli_twin", *words], env=paths, capture_output=True, text=True, check=True
+    )
+    assert json.loads(flown.stdout)["outcome"] == "completed"
+
+
+def test_check_judges_a_file(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(mine / "my_law.py")]) == 0
+    assert main(["check", str(mine / "helix.py")]) == 0
+    assert "Thermal, a member of heli_twin.lab.disturbances" in capsys.readouterr().out
+    (mine / "jumpy.py").write_text(
+        (mine / "helix.py").read_text().replace("(-r * s, r * c, slope", "(-r * s, r * c, 2 * slope")
+    )
+    assert main(["check", str(mine / "jumpy.py"), "--json"]) == 1
+    broken = [row for row in json.loads(capsys.readouterr().out) if row["trouble"]]
+    assert [row["rule"] for row in broken] == ["The derivatives of its flat outputs are those of its path."]
