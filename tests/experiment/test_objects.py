@@ -159,7 +159,9 @@ def test_an_own_object_flies_and_its_log_is_never_read_as_something_else(family,
     log = result.log
     assert '"own_class":"M' in log.experiment
     for read in (lambda: from_json(log.experiment), lambda: refly(log), lambda: changed(experiment, ["seed=1"])):
-        with pytest.raises(ExperimentError, match=rf"{family}.* is of a class of its user's own, 'M\w+, source ") as caught:
+        with pytest.raises(
+            ExperimentError, match=rf"{family}.* is of a class of its user's own, 'M\w+, source "
+        ) as caught:
             read()
         assert len(str(caught.value)) < 500
     assert main(["refly", str(result.path)]) == 2
