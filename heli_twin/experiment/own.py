@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from controllers.markers import EachOf
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import HELI_TWIN, all_members, source_hash
+from heli_twin.experiment.families import GROUPS, HELI_TWIN, all_members, source_hash
 from heli_twin.experiment.fields import FieldInfo, fields_of
 from heli_twin.experiment.values import ExperimentError
 
@@ -51,11 +51,30 @@ def without_mark(table: Any, path: str, package: str | None = None) -> Any:
         return table
     mine = all_members(package).get(str(table.get("kind"))) if package else None
     if mine is None or mine.origin == HELI_TWIN:
-        raise ExperimentError(
-            f"{path} is of a class of its user's own, {str(table[OWN])[:80]!r}, which is not here: name the file or the"
-            " import path of the class, as in --with ./my_law.py, or a member of heli_twin in its place"
-        )
+        raise _absent(table[OWN], path)
     return {key: value for key, value in table.items() if key != OWN}
+
+
+def require_own(mark: Any, path: str) -> None:
+    """Refuse the mark of a class that has not been named.
+
+    Args:
+        mark: As `mark_of` gives it.
+        path: Dotted path of the part.
+
+    Raises:
+        ExperimentError: No class with this mark is here.
+    """
+    here = (member.spec for package in GROUPS for member in all_members(package).values() if member.origin != HELI_TWIN)
+    if mark not in map(mark_of, here):
+        raise _absent(mark, path)
+
+
+def _absent(mark: Any, path: str) -> ExperimentError:
+    return ExperimentError(
+        f"{path} is of a class of its user's own, {str(mark)[:80]!r}, which is not here: name the file or the"
+        " import path of the class, as in --with ./my_law.py, or a member of heli_twin in its place"
+    )
 
 
 def other_sources(tree: Any, spec: type = Experiment, here: str = "") -> Iterator[str]:

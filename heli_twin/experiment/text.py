@@ -20,7 +20,7 @@ from controllers.markers import EachOf, OneOf
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import is_file_reference, is_reference, members, own_member
 from heli_twin.experiment.fields import fields_of
-from heli_twin.experiment.own import OWN, without_mark
+from heli_twin.experiment.own import OWN, require_own, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
 from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of, unknown_field
 from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, cut, instead, listing
@@ -200,7 +200,7 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
     known = fields_of(spec)
     table = path.split(".")[: -len(rest) - 1]
     if key == OWN:
-        node[OWN] = value
+        require_own(value, ".".join(table))
         return
     if key not in known:
         raise unknown_field(".".join([*table, key]), known)
@@ -278,7 +278,7 @@ def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str
         return
     table = ".".join(path.split(".")[: -len(keys)])
     if rest == [OWN]:
-        node.setdefault(name, {"kind": kind})[OWN] = value
+        require_own(value, f"{table}.{name}")
         return
     if rest and name in node:
         node[name] = without_mark(node[name], f"{table}.{name}", family.package)
