@@ -49,14 +49,15 @@ def about(log: "Log") -> dict[str, Any]:
     from controllers.supervisors import PHASES
     from heli_twin.experiment.differences import fly_words
     from heli_twin.experiment.tree import ExperimentError, parsed
-    from heli_twin.logbook import flown_experiment
+    from heli_twin.logbook import flown_experiment, viewed_experiment
     from heli_twin.metrics.tracking import metrics
 
     experiment = words = problem = None
     try:
-        # The text as it was flown, fields of later versions included; the classes that it names need not be here.
+        # The classes of a user's own that it names need not be here.
+        viewed_experiment(log)
         experiment = parsed(log.experiment)
-        words = fly_words(json.dumps(experiment))
+        words = fly_words(log.experiment)
         flown_experiment(log)
     except ExperimentError as error:
         problem = str(error)
