@@ -97,6 +97,7 @@ class Flight:
                 self.recorder.disturbance(t, air)
                 if battery := self.plant.battery():
                     self.recorder.battery(t, battery)
+                    self.supervisor.battery(battery.voltage)
                 air_due += disturbances.PERIOD_NS
             if t >= self.mocap.due:
                 self.look(t, truth)

@@ -47,6 +47,10 @@ class Supervisor(Protocol):
         """
         ...
 
+    def battery(self, voltage: float) -> None:
+        """Take note of the voltage (V) that the helicopter tells, if it tells any."""
+        ...
+
     def sent(self, command: Command) -> None:
         """Take note of the command that was sent, and of how its control problem was solved."""
         ...

@@ -28,5 +28,8 @@ class PlanFollower:
         """Return the plan."""
         return Order(plan if estimate else None)
 
+    def battery(self, voltage: float) -> None:
+        """Take no note of it."""
+
     def sent(self, command: Command) -> None:
         """Take no note of it."""

@@ -38,6 +38,7 @@ class Safety:
     level_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to stop")] = 0.5
     land_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to descend")] = 0.75
     solver_timeout: Annotated[float, Gt(0), Le(60), Unit("s"), doc("time without a solved problem; then land")] = 0.5
+    low_voltage: Annotated[float, Ge(0), Le(20), Unit("V"), doc("of the battery, at which to land")] = 3.3
     half_width: Annotated[float, Gt(0), Unit("m"), doc("distance north and west at which to land")] = 2.2
     height: Annotated[float, Gt(0), Unit("m"), doc("height at which to land")] = 2.3
     sink_speed: Annotated[float, Gt(0), Le(2), Unit("m/s"), doc("speed of an emergency descent")] = 1.5
@@ -65,6 +66,7 @@ class SafetySupervisor:
         self._has_begun = False
         self._place = np.zeros(4)
         self._speed = 0.0
+        self._voltage = float("inf")
         self._solved_at, self._has_solver = 0, True
         self._standing_since: int | None = None
         self._thrust = 0.0
@@ -83,6 +85,10 @@ class SafetySupervisor:
                 return Order(plan if estimate else None, event=event)
             case "levelling" | "landing":
                 return self._way_down(now, estimate, plan)._replace(event=event)
+
+    def battery(self, voltage: float) -> None:
+        """Take note of the voltage, V."""
+        self._voltage = voltage
 
     def sent(self, command: Command) -> None:
         """Take note of the thrust, and of how the control problem was solved; a law without a QP solves all."""
@@ -135,6 +141,8 @@ class SafetySupervisor:
         if unsolved > spec.solver_timeout:
             self._has_solver = False
             return f"no control problem solved for {unsolved:.2f} s"
+        if self._voltage < spec.low_voltage:
+            return f"the battery has {self._voltage:.2f} V left"
         if estimate is None:
             return ""
         x, y, z = estimate.x[:3].tolist()

@@ -120,6 +120,14 @@ def test_without_a_solver_it_lands_level_by_its_own_thrust():
     assert station.commands[-1][2] < HOVER[2]
 
 
+def test_with_a_battery_that_is_low_it_lands():
+    station = Station().fly(1.0)
+    station.supervisor.battery(3.31)
+    assert station.fly(1.0).phase == "flying"
+    station.supervisor.battery(3.29)
+    assert station.fly(0.04).phase == "landing"
+
+
 @pytest.mark.parametrize(("axis", "value"), [(0, 2.3), (1, -2.3), (2, 2.4)])
 def test_near_the_edge_of_the_room_it_lands(axis, value):
     station = Station().fly(1.0)
