@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from math import cos, radians
 from time import perf_counter_ns
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -20,9 +20,8 @@ from heli_twin.lab.faults import Faults
 from heli_twin.lab.mocap import Arrival
 from heli_twin.lab.plant import Plant, Truth
 from heli_twin.lab.radio import Held
-from heli_twin.recording import Recorder
+from heli_twin.recording import OutcomeKind, Recorder
 
-OutcomeKind = Literal["completed", "landed", "crashed", "left_volume", "diverged"]
 INTACT = ("completed", "landed")
 """Outcomes after which the helicopter can fly again."""
 

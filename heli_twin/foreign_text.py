@@ -1,4 +1,7 @@
-"""Text from logs, files and arguments, made safe and short enough for a terminal."""
+"""Text from logs, files and arguments in messages: safe and short enough for a terminal."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 SENTENCE_LIMIT = 480
 """Characters of one printed sentence."""
@@ -13,3 +16,13 @@ def clean(text: str, limit: int = SENTENCE_LIMIT) -> str:
     """
     shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[: limit + 1])
     return shown if len(shown) <= limit else shown[: max(limit - 3, 0)] + "..."
+
+
+def instead(wrong: object, known: Iterable[str]) -> str:
+    """`'wrong': did you mean 'right'? Available: ...`, both cut to a readable length."""
+    # Python refuses to write integers of more than 4300 digits.
+    is_huge = isinstance(wrong, int) and abs(wrong) >= 2**63
+    known, shown = list(known), "a huge number" if is_huge else clean(str(wrong), 80)
+    near = get_close_matches(shown, known, n=1, cutoff=0.5)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    return f"'{shown}': {hint}Available: {clean(', '.join(known), 260)}"

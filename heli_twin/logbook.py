@@ -1,4 +1,4 @@
-"""The logbook: what every log begins with, and how a flight is read back from its log."""
+"""The start of every log (experiment, provenance), and the experiment read back from a log."""
 
 import os
 import platform
@@ -29,45 +29,43 @@ from heli_twin.experiment.tree import (
     toml_of,
     tree_of,
 )
-from heli_twin.recording import Attachment, Log, Recorder, read_log
+from heli_twin.recording import Attachment, Log, Recorder
 from heli_twin.recording.writer import Listener
 
-PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
-"""Their versions stand in every log."""
-ORIGIN = "origin"
-"""Metadata that says what wrote a log that is no flight of the twin: `import` or `resolve`."""
+LOGGED_PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
+"""Packages whose versions are in every log."""
 PHYSICS = "physics"
 """Metadata that says the physics version of the flight."""
-PATH_POINTS = 600
-"""Points of the drawn reference path at most."""
+MAX_PATH_POINTS = 600
+"""Most points of the drawn reference path."""
 
 
 def provenance() -> dict[str, str]:
-    """Where and with what a flight was flown; none of it determines the flight."""
-    found = {
+    """Time, host and package versions of a flight; none of them determines the flight."""
+    facts = {
         "started": datetime.now(UTC).isoformat(),
         PHYSICS: str(PHYSICS_VERSION),
         "python": platform.python_version(),
         "platform": platform.platform(),
     }
-    found["cpu"] = _cpu()
-    found["vectors"] = _vectors()
-    found["proxsuite_build"] = BUILD
-    found["processes"] = str(os.cpu_count())
-    found["git_commit"] = _git_commit()
-    return found | _versions()
+    facts["cpu"] = _cpu()
+    facts["vectors"] = _vectors()
+    facts["proxsuite_build"] = BUILD
+    facts["processes"] = str(os.cpu_count())
+    facts["git_commit"] = _git_commit()
+    return facts | _versions()
 
 
 @cache
 def _versions() -> dict[str, str]:
-    """The packages that are loaded; looking them up takes as long as a fast flight of a second."""
-    found = {}
-    for package in PACKAGES:
+    """The versions of the packages; looking them up takes as long as a fast flight of a second."""
+    versions: dict[str, str] = {}
+    for package in LOGGED_PACKAGES:
         try:
-            found[f"version.{package}"] = version(package)
+            versions[f"version.{package}"] = version(package)
         except PackageNotFoundError:
-            found[f"version.{package}"] = "not installed"
-    return found
+            versions[f"version.{package}"] = "not installed"
+    return versions
 
 
 def _cpu() -> str:
@@ -81,7 +79,7 @@ def _cpu() -> str:
 
 @cache
 def _vectors() -> str:
-    """The vector instructions that NumPy and its BLAS use here: what last digits depend on."""
+    """The vector instructions that NumPy and its BLAS use here: last digits depend on them."""
     libraries = [lib for lib in threadpool_info() if lib["user_api"] == "blas"]
     blas = {f"{lib['internal_api']} {lib.get('architecture')}" for lib in libraries}
     numpy: Any = np.show_config(mode="dicts")
@@ -106,13 +104,13 @@ def begin_log(
     mjcf: str = "",
     listeners: Sequence[Listener] = (),
 ) -> Recorder:
-    """Open a log and write what every log begins with: the experiment, and where and with what it was flown.
+    """Open a log and write what every log begins with: the experiment and its provenance.
 
     Args:
-        path: Where the log shall be when it is finished, `.../NAME.mcap`; None keeps it in memory.
-        experiment: What determines the flight.
-        metadata: Facts beside `provenance`, such as `ORIGIN`.
-        mjcf: The plant as it is simulated; empty where there is none.
+        path: Path of the finished log, `.../NAME.mcap`; None keeps it in memory.
+        experiment: The experiment that is flown.
+        metadata: Facts beside `provenance`, such as the origin of the log.
+        mjcf: The simulated plant as MJCF; empty if there is none.
         listeners: Called with every message.
 
     Raises:
@@ -131,22 +129,9 @@ def begin_log(
 
 
 def planned_path(experiment: Experiment) -> Array:
-    """The path to fly (n, 3), world, m, for the eye."""
-    count = min(PATH_POINTS, 1 + round(experiment.duration / experiment.controller.period))
+    """Points (n, 3) of the reference path, world, m, for pictures."""
+    count = min(MAX_PATH_POINTS, 1 + round(experiment.duration / experiment.controller.period))
     return experiment.trajectory.flat(np.linspace(0.0, experiment.duration, count)).z[:, :3]
-
-
-def opened(path: Path | str) -> Log:
-    """A log of which the times that are text are numbers too.
-
-    Raises:
-        HeliTwinError: The log cannot be read.
-    """
-    log = read_log(path)
-    time = log.ending.get("time", "0")
-    if not (time.isascii() and time.isdecimal() and len(time) < 19):
-        raise HeliTwinError(f"{path} ends at no time that a flight could end at: it was not written by heli-twin")
-    return log
 
 
 def flown_experiment(log: Log) -> Experiment:
@@ -226,8 +211,3 @@ def physics_notice(log: Log) -> str:
         f"the log was flown with physics version {version}, this is version {PHYSICS_VERSION}: the same experiment"
         " flies differently, so the flights need not be identical"
     )
-
-
-def is_recovered(log: Log) -> bool:
-    """Whether the log is what was saved of a broken one."""
-    return "recovered" in log.ending

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
 from io import BytesIO
@@ -47,7 +47,7 @@ class Result:
     """Hash of the experiment and of every recorded message but the measured times."""
     real_time_factor: float
     """Simulated over measured time of the flight, recording included."""
-    data: bytes | None = None
+    data: bytes | None = field(default=None, repr=False)
     """The log as a file's bytes, if it was kept in memory."""
     log_trouble: str = ""
     """Why no log was kept although one was wanted, one sentence; the flight and its metrics are whole all the same."""

@@ -41,14 +41,18 @@ def uninterrupted() -> Generator[None]:
 
 
 @contextmanager
-def whole_file(path: Path) -> Generator[Path]:
+def whole_file(path: Path, part: Path | None = None) -> Generator[Path]:
     """Write a file under another name first; it gets its own when the block ends, and is removed if the block raises.
+
+    Args:
+        path: Name of the finished file.
+        part: Name of the unfinished one; by default `part_of(path)`.
 
     Yields:
         The path to write to.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = part_of(path)
+    part = part or part_of(path)
     try:
         yield part
         part.replace(path)

@@ -110,7 +110,7 @@ def record() -> Record:
     ) -> Recorder:
         recorder = Recorder(path, experiment=EXPERIMENT, metadata={"started": started}, listeners=listeners)
         fly(recorder, seconds, seed, compute_ns)
-        recorder.close("landed", round(seconds * 1e9))
+        recorder.close("completed", round(seconds * 1e9))
         return recorder
 
     return record

@@ -32,10 +32,10 @@ def run(parsed: Namespace) -> int:
     """Print the facts."""
     import numpy as np
 
-    from heli_twin.logbook import opened
+    from heli_twin.recording import read_log
 
     with np.errstate(all="ignore"):
-        facts = about(opened(parsed.log))
+        facts = about(read_log(parsed.log))
     facts |= {"file": str(parsed.log), "size": parsed.log.stat().st_size}
     if parsed.json:
         print(json.dumps(facts, indent=2, allow_nan=False, default=str))
@@ -63,14 +63,14 @@ def about(log: "Log") -> dict[str, Any]:
         problem = str(error)
     return {
         "outcome": log.outcome,
-        "outcome_text": log.ending.get("text", ""),
+        "outcome_text": log.ending.text,
         "supervisor": [
             {"time": 1e-9 * event.time, "phase": event.name, "reason": event.text}
             for event in log.events
             if event.name in PHASES
         ],
-        "duration": 1e-9 * int(log.ending.get("time", "0")),
-        "recovered": "recovered" in log.ending,
+        "duration": 1e-9 * log.ending.time,
+        "recovered": log.ending.recovered,
         "digest": log.digest,
         "overrides": words,
         "experiment": experiment,

@@ -28,11 +28,10 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Recover it."""
-    from heli_twin.logbook import opened
-    from heli_twin.recording import recover
+    from heli_twin.recording import read_log, recover
 
     path = recover(parsed.log)
-    log = opened(path)
+    log = read_log(path)
     say(f"saved {path}: {saved(log)}")
     say(f"lost  {lost(log)}")
     return 0
@@ -77,5 +76,5 @@ def _gaps(log: "Log") -> list[tuple[int, int]]:
     steps = np.diff(times, prepend=0)
     limit = GAP_PERIODS * np.median(steps)
     gaps = [(int(times[i] - steps[i]), int(times[i])) for i in np.flatnonzero(steps > limit)]
-    end = int(log.ending.get("time", "0"))
+    end = log.ending.time
     return [*gaps, (int(times[-1]), end)] if end - times[-1] > limit else gaps

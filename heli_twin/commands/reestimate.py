@@ -41,12 +41,13 @@ def run(parsed: Namespace) -> int:
     """Run it again; the exit code is 1 when an unchanged estimator says something else."""
     import numpy as np
 
-    from heli_twin.logbook import flown_experiment, opened
+    from heli_twin.logbook import flown_experiment
     from heli_twin.reanalysis.effort import ESTIMATOR_STEP_S, require_agreement
     from heli_twin.reanalysis.reestimate import ESTIMATE_TOLERANCE, largest_difference, reestimate, same_bits
+    from heli_twin.recording import read_log
 
     load_with(parsed)
-    log = opened(parsed.log)
+    log = read_log(parsed.log)
     steps = max(len(log.estimate.time), len(log.sent.time), len(log.pose.time))
     require_agreement(ESTIMATOR_STEP_S * steps, "running the estimator again", parsed.yes)
     again = reestimate(log, parsed.overrides)

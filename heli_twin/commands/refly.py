@@ -44,12 +44,13 @@ def run(parsed: Namespace) -> int:
     import numpy as np
 
     from heli_twin.experiment.text import changed
-    from heli_twin.logbook import flown_experiment, opened, own_notices, physics_notice
+    from heli_twin.logbook import flown_experiment, own_notices, physics_notice
     from heli_twin.reanalysis.effort import flight_effort, require_agreement
     from heli_twin.reanalysis.refly import refly
+    from heli_twin.recording import read_log
 
     load_with(parsed)
-    log = opened(parsed.log)
+    log = read_log(parsed.log)
     flown = flown_experiment(log)
     for notice in (physics_notice(log), *own_notices(log)):
         if notice:
@@ -73,15 +74,15 @@ def run(parsed: Namespace) -> int:
 
 def judge(again: "Refly") -> None:
     """Print whether the second flight is the first."""
-    from heli_twin.logbook import is_recovered, physics_notice
+    from heli_twin.logbook import physics_notice
     from heli_twin.reanalysis.refly import POSITION_TOLERANCE_M, YAW_TOLERANCE_RAD
 
     log, result = again.logged, again.result
     if again.difference is None:
         count = sum(len(topic.times) for topic in log.messages.values())
         end = max((topic.times[-1] for topic in log.messages.values() if len(topic.times)), default=0)
-        part = f"as far as the recovered log goes, {1e-9 * end:.2f} s" if is_recovered(log) else f"{1e-9 * end:g} s"
-        digest = "" if is_recovered(log) else f", digest {result.flight_digest[:16]}"
+        part = f"as far as the recovered log goes, {1e-9 * end:.2f} s" if log.ending.recovered else f"{1e-9 * end:g} s"
+        digest = "" if log.ending.recovered else f", digest {result.flight_digest[:16]}"
         print(f"identical: {count} messages, {part}{digest}")
     else:
         topic, time, field, ours, theirs = again.difference

@@ -45,18 +45,19 @@ def run(parsed: Namespace) -> int:
     """Solve again; the exit code is 1 when unchanged problems have other answers."""
     import numpy as np
 
-    from heli_twin.logbook import ORIGIN, flown_experiment, opened
+    from heli_twin.logbook import flown_experiment
     from heli_twin.reanalysis.effort import control_effort, require_agreement
     from heli_twin.reanalysis.resolve import INPUT_TOLERANCE, resolve, resolved_experiment, write
+    from heli_twin.recording import read_log
     from heli_twin.whole_file import free_path
 
     load_with(parsed)
-    log = opened(parsed.log)
+    log = read_log(parsed.log)
     experiment = resolved_experiment(log, parsed.overrides)
     require_agreement(control_effort(experiment, len(log.estimate.time)), "solving these problems again", parsed.yes)
     resolution = resolve(log, parsed.overrides)
     # What sent the inputs of a real flight is not known.
-    differs = resolution.experiment != flown_experiment(log) or log.metadata.get(ORIGIN) == "import"
+    differs = resolution.experiment != flown_experiment(log) or log.origin == "import"
     with np.errstate(all="ignore"):
         report(log, resolution)
     if differs or parsed.log_dir:

@@ -1,9 +1,9 @@
-"""A log as Arrow tables, for Polars, DuckDB, pandas and Parquet: one row a message, one typed column a field.
+"""A log as Arrow tables, for Polars, DuckDB, pandas and Parquet: one row per message, one typed column per field.
 
-The numbers are not copied: a column of Arrow is the NumPy column of the log. Vectors are lists of fixed size.
+An Arrow column shares the memory of the log's NumPy column: no number is copied. Vectors are lists of fixed size.
 """
 
-from contextlib import suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +12,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from heli_twin.errors import HeliTwinError
+from heli_twin.foreign_text import instead
 from heli_twin.recording import Log
+from heli_twin.recording.schema import LATER_WIRES, WIRES
+from heli_twin.whole_file import whole_file
 
-TOPICS = {
-    "/truth": "truth",
-    "/mocap/pose": "pose",
-    "/estimate": "estimate",
-    "/reference": "reference",
-    "/command/sent": "sent",
-    "/command/acting": "acting",
-    "/mpc/plan": "plan",
-    "/mpc/qp": "qp",
-    "/disturbance": "disturbance",
-    "/battery": "battery",
-    "/events": "events",
-    "/timing": "timing",
-}
-"""The wires and their names in a Log. A file's own topic names never name a file here."""
+WIRE_NAMES = tuple(topic.name for topic in WIRES + LATER_WIRES)
+"""The topics that have a table. Topic names in a file never become names of files."""
 
 
 def table(log: Log, topic: str) -> pa.Table:
@@ -36,14 +26,17 @@ def table(log: Log, topic: str) -> pa.Table:
 
     Args:
         log: Any log.
-        topic: One of `TOPICS`. Times and stamps are in ns, all else as in the type of that topic.
+        topic: One of `WIRE_NAMES`.
+
+    Returns:
+        One row per message, one column per field; times and stamps in ns.
 
     Raises:
-        HeliTwinError: There is no such topic.
+        HeliTwinError: There is no such topic, or its messages cannot be read.
     """
-    if topic not in TOPICS:
-        raise HeliTwinError(f"unknown topic '{topic}': available are {', '.join(TOPICS)}")
-    columns = getattr(log, TOPICS[topic])
+    if topic not in WIRE_NAMES:
+        raise HeliTwinError(f"unknown topic {instead(topic, WIRE_NAMES)}")
+    columns = getattr(log, topic.rpartition("/")[2])
     if topic == "/events":
         types = {"time": pa.int64(), "severity": pa.string(), "name": pa.string(), "text": pa.string()}
         return pa.table({key: pa.array([getattr(e, key) for e in columns], kind) for key, kind in types.items()})
@@ -53,11 +46,11 @@ def table(log: Log, topic: str) -> pa.Table:
 
 def tables(log: Log) -> dict[str, pa.Table]:
     """Every topic of a log that has messages."""
-    return {topic: table(log, topic) for topic in TOPICS if len(log.messages.get(topic, ((),))[0])}
+    return {topic: table(log, topic) for topic in WIRE_NAMES if len(log.messages.get(topic, ((),))[0])}
 
 
 def _column(values: np.ndarray[Any, Any]) -> pa.Array:
-    """A column (n, ...) without copying its numbers."""
+    """An Arrow column from values (n, ...), without copying numbers."""
     if values.dtype.kind == "U":
         return pa.array(values.tolist(), pa.string())
     column = pa.array(np.ascontiguousarray(values).reshape(-1))
@@ -67,7 +60,7 @@ def _column(values: np.ndarray[Any, Any]) -> pa.Array:
 
 
 def write_parquet(log: Log, folder: Path) -> list[tuple[Path, int]]:
-    """Write one Parquet file a topic: `/mocap/pose` is `mocap_pose.parquet`; all of them or none.
+    """Write one Parquet file per topic, all of them or none; that of `/mocap/pose` is `mocap_pose.parquet`.
 
     Returns:
         Each file and its number of rows.
@@ -75,21 +68,14 @@ def write_parquet(log: Log, folder: Path) -> list[tuple[Path, int]]:
     Raises:
         HeliTwinError: A file exists already or cannot be written.
     """
-    files = {folder / f"{topic.strip('/').replace('/', '_')}.parquet": found for topic, found in tables(log).items()}
+    files = {folder / f"{topic.strip('/').replace('/', '_')}.parquet": rows for topic, rows in tables(log).items()}
     present = next((path for path in files if path.exists()), None)
     if present is not None:
         raise HeliTwinError(f"{present} exists already: choose another folder or move it away")
-    parts = [path.with_name(f"{path.name}.part") for path in files]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for part, found in zip(parts, files.values(), strict=True):
-            pq.write_table(found, part, compression="zstd")
-        for part, path in zip(parts, files, strict=True):
-            part.rename(path)
+        with ExitStack() as all_or_none:
+            for path, rows in files.items():
+                pq.write_table(rows, all_or_none.enter_context(whole_file(path)), compression="zstd")
     except (OSError, pa.ArrowException) as error:
         raise HeliTwinError(f"Parquet files cannot be written to {folder}: {error}") from error
-    finally:
-        for part in parts:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-    return [(path, found.num_rows) for path, found in files.items()]
+    return [(path, rows.num_rows) for path, rows in files.items()]

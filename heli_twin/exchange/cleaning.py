@@ -19,6 +19,8 @@ MAX_DISORDER = 0.1
 """Share of rows that may be late or carry no attitude; more is a file that is not what it says."""
 FLIP_ANGLE_RAD, FLIP_SECONDS = np.radians(150.0), 1.0
 """A heading that turns by more from one frame to the next, and back within this time, was a mistaken marker."""
+MAX_GAP_S = 60.0
+"""Longest time without a row, and longest delay of a pose: after that no estimate means anything."""
 GAP_PERIODS = 2.5
 """Periods without a row that count as a gap."""
 
@@ -151,7 +153,13 @@ def _arrival(take: Take, rate: float) -> Array:
 
 def _check_arrival(take: Take, time: Array, arrival: Array) -> None:
     with np.errstate(invalid="ignore"):
-        wrong = np.flatnonzero((arrival < time) | (arrival - time > MAX_SECONDS))
+        late = np.flatnonzero(arrival - time > MAX_GAP_S)
+        wrong = np.flatnonzero(arrival < time)
+    if len(late):
+        row = late[0]
+        raise ImportRefused(
+            f"{_line(take, row)}arrival {arrival[row] - time[row]:.9g} s after the frame, {MAX_GAP_S:g} s at most"
+        )
     if len(wrong) > MAX_DISORDER * np.isfinite(arrival).sum():
         row = wrong[0]
         when = f"arrival {arrival[row]:.9g} s does not follow the picture, {time[row]:.9g} s"
@@ -201,6 +209,12 @@ def _check_length(time: Array) -> None:
         raise ImportRefused(
             f"the last row is {time[-1]:.9g} s after the first, {MAX_SECONDS:g} s at most: cut the recording, or"
             " map the time with its factor, --map time=COLUMN*FACTOR"
+        )
+    gaps = np.diff(time)
+    if gaps.max(initial=0.0) > MAX_GAP_S:
+        raise ImportRefused(
+            f"there is no row for {gaps.max():.9g} s after {time[gaps.argmax()]:.9g} s, {MAX_GAP_S:g} s at most:"
+            " split the recording there"
         )
 
 

@@ -3,8 +3,10 @@
 There is no truth in such a log, and no reference unless a trajectory is given: what needs them says so.
 """
 
+import heapq
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count, repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,10 +22,10 @@ from heli_twin.exchange.frames import FRAMES, LENGTH_UNITS_M
 from heli_twin.exchange.plausibility import check_plausible
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import load
-from heli_twin.experiment.tree import instead
-from heli_twin.logbook import ORIGIN, begin_log, planned_path
+from heli_twin.foreign_text import instead
+from heli_twin.logbook import begin_log, planned_path
 from heli_twin.recording import LogError, Recorder
-from heli_twin.recording.log import Times
+from heli_twin.recording.log import ORIGIN_KEY, Times
 
 
 class Reading(NamedTuple):
@@ -84,7 +86,7 @@ def import_poses(path: Path, out: Path, reading: Reading = AS_EXPORTED, override
         experiment = replace(experiment, trajectory=Hover(x=x, y=y, height=max(z, 0.01)))
     experiment = replace(experiment, duration=max(wires.end / 1e9, experiment.controller.period))
     is_planned = "trajectory" in fields
-    recorder = begin_log(out, experiment, metadata={ORIGIN: "import", "source": path.name, "format": take.title})
+    recorder = begin_log(out, experiment, metadata={ORIGIN_KEY: "import", "source": path.name, "format": take.title})
     with recorder, threadpool_limits(limits=1):
         told = f"{len(wires.stamp)} poses of {take.title}, {recording.lost} rows without one"
         recorder.event(0, "info", "import", told)
@@ -180,10 +182,10 @@ def _estimate(wires: _Wires, experiment: Experiment, recorder: Recorder, is_plan
     estimator = experiment.estimator.start(law.model)
     preview = ReferencePreview(experiment.trajectory, law.model, period, 0)
     refused = 0
-    times = (wires.arrival, np.arange(0, wires.end + 1, period), wires.command_time)
-    # At one time: poses first, then the control step, then the command.
-    moments = [(int(t), rank, i) for rank, column in enumerate(times) for i, t in enumerate(column)]
-    for t, rank, i in sorted(moments):
+    times = (wires.arrival, range(0, wires.end + 1, period), wires.command_time)
+    # At equal times: poses first, then the control step, then the command.
+    moments = heapq.merge(*(zip(map(int, column), repeat(rank), count()) for rank, column in enumerate(times)))
+    for t, rank, i in moments:
         if rank == 0:
             pose = Pose(int(wires.stamp[i]), wires.position[i], wires.quat_wxyz[i])
             recorder.pose(t, pose)

@@ -23,7 +23,8 @@ from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.own import OWN, require_own, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
 from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of, unknown_field
-from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, cut, instead, listing
+from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, cut, listing
+from heli_twin.foreign_text import instead
 
 
 def presets() -> dict[str, Path]:

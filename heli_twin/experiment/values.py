@@ -5,7 +5,6 @@ import math
 import reprlib
 from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, fields
-from difflib import get_close_matches
 from typing import Any, get_args
 
 import numpy as np
@@ -13,17 +12,11 @@ from pydantic import ValidationError
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.fields import FieldInfo
+from heli_twin.foreign_text import instead
 
 
 class ExperimentError(HeliTwinError):
     """An experiment that cannot be flown as it was written."""
-
-
-def instead(wrong: Any, known: Iterable[str]) -> str:
-    """`'wrong': did you mean 'right'? Available: ...`, both cut to a readable length."""
-    known, wrong = list(known), cut(wrong)
-    near = get_close_matches(wrong, known, n=1, cutoff=0.5)
-    return f"'{wrong}': " + (f"did you mean '{near[0]}'? " if near else "") + listing(known)
 
 
 def listing(known: Iterable[str]) -> str:

@@ -1,41 +1,49 @@
-"""What a study wants to know of a flight beyond `heli_twin.metrics.tracking`: pure functions of its log."""
+"""The metrics of a flight for studies, beyond those of `heli_twin.metrics.tracking`."""
 
-from math import inf
 from typing import Any
 
 import numpy as np
 
+from controllers.laws import ControlLaw
 from controllers.signals import Array
 from heli_twin.metrics.response import overshoot, phase_lag, settling_time
-from heli_twin.metrics.tracking import AXES, SETTLING, tracking_error
+from heli_twin.metrics.tracking import AXES, SETTLING_S, tracking_error
 from heli_twin.recording import Log
 
-HOLD = 1.0
-"""s: the time over which an error has to last to count as sustained."""
+SUSTAINED_S = 1.0
+"""Length of the window over which `sustained` averages."""
+PERIOD_S = 0.02
+"""Control period if the controller is not known."""
+AT_LIMIT = 1e-6
+"""Fraction of full stick: an input this near to a limit is at it. Controllers clip to the limits exactly."""
 
 
-def measures(log: Log, period: float = 0.02, deadline: float = inf) -> dict[str, Any]:
-    """More numbers of a flight, the first `SETTLING` seconds left out.
+def measures(log: Log, controller: ControlLaw | None = None) -> dict[str, Any]:
+    """The metrics of a flight for studies, as plain values for JSON; the first `SETTLING_S` are left out.
 
-    Position errors are lengths in space. `sustained` is the root mean square error of the worst `HOLD` seconds: a
-    graded measure that a limit cycle cannot hide from by passing through zero. `bias` is the mean error, `spread` its
-    standard deviation; `effort` the mean square of the input's deviation from its own mean, `variation`
-    the way an input travels in a second, `saturated` the share of time at a limit. `phase_lag` (s), `settling_time` (s
-    from the start of the flight) and `overshoot` (a share of the step) are as `studies.response` defines them.
+    Position errors are distances in space. `sustained` is the root mean square error of the worst `SUSTAINED_S`, which
+    also catches a limit cycle that passes through zero. `bias` is the mean error, `spread` its standard deviation.
+    `effort` is the variance of the inputs, summed; `variation` the total change of an input per second; `saturated` the
+    share of time at a limit of the believed model, of the input that is there longest. `tilt.max` (rad) is over the
+    whole flight. `metrics.response` defines `phase_lag` (s), `settling_time` (s from the start of the flight) and
+    `overshoot` (share of the step). `deadline_misses` counts control steps that took longer than the period.
 
     Args:
         log: The flight.
-        period: Of control, s.
-        deadline: A control step that computed longer than this (s, measured) was late.
+        controller: The controller that flew. Without it, `saturated` and `deadline_misses` are None.
+
+    Returns:
+        Values by name; None where the flight has no data for one.
     """
+    period = controller.period if controller else PERIOD_S
     time, whole, reference = tracking_error(log)
-    answered, start = reference + whole, int(np.searchsorted(time, SETTLING))
+    answered, start = reference + whole, int(np.searchsorted(time, SETTLING_S))
     error = whole[start:]
     distance = np.linalg.norm(error[:, :3], axis=1)
     lengths = np.column_stack([np.abs(error), distance])
     names = (*AXES, "position")
     nothing = len(error) == 0
-    late = 1e-9 * log.timing.control_step_ns > deadline
+    unsolved, took = log.qp.status != "solved", 1e-9 * log.timing.control_step_ns
     return {
         "rmse.position": None if nothing else float(np.sqrt((distance**2).mean())),
         "mse.position": None if nothing else float((distance**2).mean()),
@@ -43,20 +51,20 @@ def measures(log: Log, period: float = 0.02, deadline: float = inf) -> dict[str,
         **_each("p95", names, None if nothing else np.percentile(lengths, 95, axis=0)),
         **_each("bias", AXES, None if nothing else error.mean(axis=0)),
         **_each("spread", AXES, None if nothing else error.std(axis=0)),
-        **_each("sustained", names, sustained(lengths, round(HOLD / period))),
+        **_each("sustained", names, sustained(lengths, round(SUSTAINED_S / period))),
         **{f"phase_lag.{a}": phase_lag(reference[:, i], answered[:, i], period, start) for i, a in enumerate(AXES)},
         **{f"overshoot.{a}": overshoot(reference[:, i], answered[:, i], period) for i, a in enumerate(AXES)},
         "settling_time": settling_time(time, np.linalg.norm(whole[:, :3], axis=1)),
-        **_inputs(log),
+        **_inputs(log, controller),
         "tilt.max": _tilt(log),
         "qp.iterations": float(log.qp.iterations.mean()) if len(log.qp.iterations) else None,
-        "qp.unsolved": int(np.sum(log.qp.status != "solved")),
-        "deadline_misses": int(late.sum()),
+        "qp.unsolved": int(unsolved.sum()) if len(unsolved) else None,
+        "deadline_misses": int((took > controller.period).sum()) if controller and len(took) else None,
     }
 
 
 def sustained(lengths: Array, hold: int) -> Array | None:
-    """The greatest root mean square of each column over `hold` samples in a row; None if it is too short."""
+    """The greatest root mean square of each column over `hold` consecutive samples; None for fewer samples."""
     hold = max(1, hold)
     if len(lengths) < hold:
         return None
@@ -64,20 +72,21 @@ def sustained(lengths: Array, hold: int) -> Array | None:
     return np.sqrt(np.maximum(total[hold:] - total[:-hold], 0.0).max(axis=0) / hold)
 
 
-def _inputs(log: Log) -> dict[str, Any]:
-    """How hard the sticks worked, from `SETTLING` on."""
-    sent = log.sent
-    u = sent.u[1e-9 * sent.time >= SETTLING]
-    seconds = 1e-9 * float(sent.time[-1] - sent.time[0]) - SETTLING if len(sent.time) else 0.0
-    if len(u) < 2 or seconds <= 0:
+def _inputs(log: Log, controller: ControlLaw | None) -> dict[str, Any]:
+    """Metrics of the inputs sent from `SETTLING_S` on."""
+    kept = 1e-9 * log.sent.time >= SETTLING_S
+    u, time = log.sent.u[kept], log.sent.time[kept]
+    seconds = 1e-9 * float(time[-1] - time[0]) if len(time) else 0.0
+    if seconds <= 0:
         return {"effort": None, **_each("variation", AXES, None), "saturated": None}
-    top, bottom = u.max(axis=0), u.min(axis=0)
-    at_limit = ((u == top) | (u == bottom)).mean(axis=0)
-    # An input that touches its extreme once has not saturated.
+    saturated = None
+    if controller:
+        low, high = np.array(controller.model.u_min), np.array(controller.model.u_max)
+        saturated = float(((u <= low + AT_LIMIT) | (u >= high - AT_LIMIT)).mean(axis=0).max())
     return {
         "effort": float(u.var(axis=0).sum()),
         **_each("variation", AXES, np.abs(np.diff(u, axis=0)).sum(axis=0) / seconds),
-        "saturated": float(np.where(at_limit > 2.5 / len(u), at_limit, 0.0).max()),
+        "saturated": saturated,
     }
 
 

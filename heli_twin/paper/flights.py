@@ -12,7 +12,7 @@ from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import load
 from heli_twin.experiment.tree import canonical_json
 from heli_twin.lab.plant.mujoco import MuJoCo
-from heli_twin.metrics.tracking import SETTLING
+from heli_twin.metrics.tracking import SETTLING_S
 from heli_twin.pasteable import pasteable
 from heli_twin.recording import Log, read_log
 from heli_twin.studies.columns import COMPLETED
@@ -184,8 +184,8 @@ def fly_task(task: Task) -> Flown:
 
 
 def activity(log: Log) -> dict[str, float]:
-    """Means of the planar inputs, rms of the yaw input and of its change per control step, from `SETTLING` on."""
-    u = log.sent.u[1e-9 * log.sent.time >= SETTLING]
+    """Means of the planar inputs, rms of the yaw input and of its change per control step, from `SETTLING_S` on."""
+    u = log.sent.u[1e-9 * log.sent.time >= SETTLING_S]
     if len(u) < 2:
         return {}
     return {

@@ -5,7 +5,7 @@ from base64 import b64encode
 from collections.abc import Sequence
 from pathlib import Path
 
-from heli_twin.metrics.tracking import SETTLING
+from heli_twin.metrics.tracking import SETTLING_S
 from heli_twin.paper.claims import CM
 from heli_twin.paper.comparison import DEGREES
 from heli_twin.paper.flights import CASES, Flights
@@ -56,7 +56,7 @@ def flown_table(flights: Flights, seeds: int, duration: float) -> Table:
         rows.append([CASES[name].label, completed, *errors, CASES[name].command(duration)])
     sentence = (
         f"Seeds 0 to {seeds - 1}, {duration:g} s each; rms errors against the truth over all flights of a kind, "
-        f"the first {SETTLING:g} s of each left out."
+        f"the first {SETTLING_S:g} s of each left out."
     )
     header = ["", "completed", "x, cm", "y, cm", "z, cm", "yaw, deg", "command of the first flight"]
     return Table("What was flown", sentence, header, rows, codes=(6,))

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
 from google.protobuf.message import DecodeError, Message
 
 from controllers.rotations import wrap_angle
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.text import changed
-from heli_twin.logbook import ORIGIN, PHYSICS, flown_experiment, is_recovered, physics_notice
+from heli_twin.logbook import PHYSICS, flown_experiment, physics_notice
 from heli_twin.mission import Result, fly
 from heli_twin.recording import Log, flight_pb2
+from heli_twin.recording.foxglove import LogMessage
 from heli_twin.recording.log import Messages
 from heli_twin.recording.schema import LATER_WIRES, TIMING, TOPICS, WIRES
 
@@ -69,7 +69,7 @@ class Refly:
         if self.difference is None:
             return "identical"
         near = self.position_deviation <= POSITION_TOLERANCE_M and self.yaw_deviation <= YAW_TOLERANCE_RAD
-        same_end = self.logged.outcome == self.result.log.outcome or is_recovered(self.logged)
+        same_end = self.logged.outcome == self.result.log.outcome or self.logged.ending.recovered
         elsewhere = self.platforms or physics_notice(self.logged)
         return "within tolerance" if elsewhere and near and same_end else "different"
 
@@ -92,10 +92,9 @@ def refly(
     Raises:
         HeliTwinError: The log holds no flight that can be flown, or an override is wrong.
     """
-    origin = log.metadata.get(ORIGIN)
-    if origin == "import":
+    if log.origin == "import":
         raise HeliTwinError("the log was imported from a recording: there is no simulated flight to fly again")
-    if origin == "resolve":
+    if log.origin == "resolve":
         raise HeliTwinError("the log holds counterfactual inputs: fly the log again that it was resolved from")
     result = fly(changed(flown_experiment(log), overrides), log_dir=log_dir, progress=progress)
     position_m, yaw_rad = _deviation(log, result.log)
@@ -116,7 +115,7 @@ def first_difference(logged: Log, reflown: Log) -> FirstDifference | None:
     for topic in (topic.name for topic in TOPICS if topic.name != TIMING):
         ours = logged.messages.get(topic, Messages((), ()))
         theirs = reflown.messages.get(topic, Messages((), ()))
-        difference = _first_on(topic, ours, theirs, prefix=is_recovered(logged))
+        difference = _first_on(topic, ours, theirs, prefix=logged.ending.recovered)
         if difference is not None:
             differences.append(difference)
     return min(differences, key=lambda difference: difference.time, default=None)

@@ -24,9 +24,9 @@ from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import changed
 from heli_twin.lab.plant import Air, Truth
-from heli_twin.logbook import ORIGIN, begin_log, flown_experiment
+from heli_twin.logbook import begin_log, flown_experiment
 from heli_twin.recording import Log, LogError
-from heli_twin.recording.log import Times
+from heli_twin.recording.log import ORIGIN_KEY, Times
 
 INPUT_TOLERANCE = 1e-4
 """Allowed difference of u_0 on another host or build, fraction of full stick. The solver stops at 1e-5 and may stop one
@@ -164,7 +164,7 @@ def write(log: Log, resolution: Resolution, path: Path) -> None:
         LogError: The log exists already or cannot be written.
     """
     experiment = resolution.experiment
-    recorder = begin_log(path, experiment, metadata={ORIGIN: "resolve", "resolved_from": log.digest})
+    recorder = begin_log(path, experiment, metadata={ORIGIN_KEY: "resolve", "resolved_from": log.digest})
     with recorder:
         for t, points in log.reference_paths:
             recorder.reference_path(t, points)
@@ -175,7 +175,7 @@ def write(log: Log, resolution: Resolution, path: Path) -> None:
                 getattr(recorder, row.wire)(row.time, *row.values)
         except (struct.error, ArithmeticError, ValueError) as error:
             raise HeliTwinError(f"the log cannot be copied, since no flight records such values: {error}") from error
-        recorder.close(log.outcome, int(log.ending.get("time", "0")), text=log.ending.get("text", ""))
+        recorder.close(log.outcome, log.ending.time, log.ending.text)
     if recorder.trouble:
         raise LogError(recorder.trouble)
 

@@ -1,13 +1,25 @@
-"""What crossed the wires: recorded to MCAP while flying, read back as NumPy columns, shown in Rerun.
+"""Flight logs: written to MCAP while flying, read back as NumPy columns.
 
-`Recorder` has one method a wire. `read_log` gives a `Log`, and from it come all metrics, figures and pictures. Rerun
-is imported by the viewer bridge only, which is not imported here.
+`Recorder` has one method for each topic. `read_log` returns a `Log`; all metrics, figures and pictures come from it.
 """
 
-from heli_twin.recording.log import Attachment, Event, Log
+from heli_twin.recording.log import Attachment, Ending, Event, Log, Origin, OutcomeKind
 from heli_twin.recording.reader import read_log
 from heli_twin.recording.recover import recover
-from heli_twin.recording.schema import LogError, LogExistsError
+from heli_twin.recording.schema import LogError, LogExistsError, Severity
 from heli_twin.recording.writer import Recorder
 
-__all__ = ["Attachment", "Event", "Log", "LogError", "LogExistsError", "Recorder", "read_log", "recover"]
+__all__ = [
+    "Attachment",
+    "Ending",
+    "Event",
+    "Log",
+    "LogError",
+    "LogExistsError",
+    "Origin",
+    "OutcomeKind",
+    "Recorder",
+    "Severity",
+    "read_log",
+    "recover",
+]

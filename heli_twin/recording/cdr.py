@@ -1,4 +1,4 @@
-"""ROS 2 messages in CDR, little-endian: the two that viewers understand and protobuf has no equal for."""
+"""ROS 2 messages in CDR, little-endian: the two for which there is no protobuf type that viewers know."""
 
 import struct
 from collections.abc import Sequence
@@ -12,20 +12,20 @@ def string(text: str) -> bytes:
 
 
 class JointStates:
-    """A sensor_msgs/JointState of joints with these names: viewers plot each under its name."""
+    """Serialises sensor_msgs/JointState messages of joints with these names; viewers plot each under its name."""
 
     def __init__(self, *names: str) -> None:
         data = _aligned(_string(""), 4) + struct.pack("<I", len(names))
         for name in names:
             data = _aligned(data, 4) + _string(name)
-        # The stamp stands in front, eight bytes, so it moves nothing off its alignment.
+        # The stamp before it has eight bytes and does not change the alignment.
         self._head = _aligned(_aligned(data, 4) + struct.pack("<I", len(names)), 8)
         self._between = struct.pack("<II", len(names), 0)
         values = f"{len(names)}d"
         self._message = struct.Struct(f"<4siI{len(self._head)}s{values}8s{values}8s{values}")
 
     def pack(self, t: int, position: Sequence[float], velocity: Sequence[float], effort: Sequence[float]) -> bytes:
-        """The message at time t (ns) with these values, one of each for every joint."""
+        """The message at time t (ns), with one value of each kind per joint."""
         stamp, between = divmod(t, 1_000_000_000), self._between
         return self._message.pack(_LITTLE_ENDIAN, *stamp, self._head, *position, between, *velocity, between, *effort)
 

@@ -1,24 +1,20 @@
-"""The flight once more for viewers that know nothing of heli_twin: a URDF that moves, point clouds and plots.
+"""Topics for viewers that know nothing of heli_twin: a URDF that moves, point clouds and plots.
 
-Opened in Rerun, Foxglove or PlotJuggler the bare log shows the helicopter, its path and its plan. All of it follows
-from the wires and is thinned out, so it costs little.
+Rerun, Foxglove and PlotJuggler show the helicopter, its path and its plan from the log alone. These topics are computed
+from the others at a lower rate, so they cost little.
 """
 
 import struct
 from collections.abc import Iterator, Sequence
-from math import cos, isfinite, nan, pi, sin
+from math import cos, isfinite, nan, sin
 
 import numpy as np
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.Pose_pb2 import Pose
-from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
-from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from controllers.rotations import wrap_angle
 from controllers.signals import Array
 from heli_twin.recording import cdr
+from heli_twin.recording.foxglove import FrameTransform, PackedElementField, PointCloud, Pose, Quaternion, Vector3
 from heli_twin.recording.packing import Layout
 from heli_twin.recording.schema import FRAME, LAYOUTS
 from heli_twin.recording.shape import urdf
@@ -32,18 +28,18 @@ WANTED, PLANNED = 0xD8DCE3FF, 0xFFA62BFF
 
 _AXES = cdr.JointStates("x / pitch", "y / roll", "z / thrust", "yaw")
 
-_MILLISECOND = 1_000_000
-TF_PERIOD, HORIZON_PERIOD, PLOT_PERIOD = 40 * _MILLISECOND, 100 * _MILLISECOND, 60 * _MILLISECOND
-"""Least simulated time between two messages, ns."""
+_MILLISECOND = 1_000_000  # ns
+TF_PERIOD_NS, HORIZON_PERIOD_NS, PLOT_PERIOD_NS = 40 * _MILLISECOND, 100 * _MILLISECOND, 60 * _MILLISECOND
+"""Least simulated time between two messages."""
 
 Timed = tuple[str, int, bytes]
 """Topic, log time (ns) and bytes of a message."""
 
 
 class Viewers:
-    """Derives what viewers draw from the messages of the wires.
+    """Computes the messages for viewers from those of the other topics.
 
-    Messages are used again, since making a new one takes protobuf five times as long as writing it.
+    Message objects are reused: protobuf takes five times as long to make a new one as to serialise it.
     """
 
     def __init__(self) -> None:
@@ -53,39 +49,39 @@ class Viewers:
         pose = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
         self._cloud = PointCloud(frame_id=FRAME, pose=pose, point_stride=_POINT.itemsize, fields=_FIELDS)
         self.plan: Layout | None = None
-        """How the plans of this flight are packed, once there is one."""
+        """The layout of this flight's plans; None before the first plan."""
 
     def description(self) -> Timed:
-        """The helicopter, before anything moves."""
+        """The message with the URDF of the helicopter."""
         return "/robot_description", 0, cdr.string(_URDF)
 
     def reference_path(self, t: int, points: Array) -> Timed:
-        """The whole path to fly, (n, 3) world, m."""
+        """The message with the whole reference path, (n, 3) world, m."""
         return "/view/reference_path", t, _drawn(self._cloud, t, points, WANTED)
 
     def messages(self, batch: Sequence[Timed]) -> Iterator[Timed]:
-        """What there is to draw of the next messages of a flight."""
+        """The messages for viewers that follow from the next messages of a flight."""
         for topic, t, data in batch:
             if topic == "/truth":
                 self._truth = data
-            # Where nobody knows the truth, as of a real flight, the cameras say where the helicopter is.
+            # The log of a real flight has no truth: there the cameras' pose stands for it.
             if t >= self._tf_due and (topic == "/truth" or (topic == "/mocap/pose" and not self._truth)):
-                self._tf_due = t + TF_PERIOD
+                self._tf_due = t + TF_PERIOD_NS
                 yield "/tf", t, _moved(self._transform, t, topic, data)
             elif topic == "/reference":
                 self._reference = data
             elif topic == "/command/sent":
                 if self._truth and self._reference and t >= self._plot_due:
-                    self._plot_due = t + PLOT_PERIOD
+                    self._plot_due = t + PLOT_PERIOD_NS
                     yield "/view/error_and_input", t, _error_and_input(t, self._truth, self._reference, data)
             elif topic == "/mpc/plan" and self.plan and t >= self._horizon_due:
-                self._horizon_due = t + HORIZON_PERIOD
+                self._horizon_due = t + HORIZON_PERIOD_NS
                 (plan,) = np.frombuffer(data, self.plan.dtype)
                 yield "/view/horizon", t, _drawn(self._cloud, t, plan["x"][:, :3], PLANNED)
 
 
 def _doubles(topic: str, *names: str) -> struct.Struct:
-    """Reads some fields of a topic's messages, all doubles, in the order in which they lie there."""
+    """A struct that reads these fields of a topic's messages, all doubles, in the order of the message."""
     form, at = "<", 0
     for name, (kind, offset, *_) in (LAYOUTS[topic].dtype.fields or {}).items():
         if name in names:
@@ -101,7 +97,7 @@ _SENT = _doubles("/command/sent", "u")
 
 
 def _moved(message: FrameTransform, t: int, topic: str, data: bytes) -> bytes:
-    """Where the body is."""
+    """The serialised pose of the body."""
     _stamp(message.timestamp, t)
     place, turn = message.translation, message.rotation
     place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z = _PLACE[topic].unpack_from(data)
@@ -109,18 +105,18 @@ def _moved(message: FrameTransform, t: int, topic: str, data: bytes) -> bytes:
 
 
 def _error_and_input(t: int, truth: bytes, reference: bytes, command: bytes) -> bytes:
-    """As joints: the error in position and velocity (yaw frame) of x y z yaw, and as effort the inputs."""
+    """Joint states of x y z yaw: errors in position and velocity (yaw frame), and the inputs as effort."""
     x, y, z, vx, vy, vz, yaw, rate = _MOTION.unpack_from(truth)
     # A flight that diverged may have any yaw.
     c, s = (cos(yaw), sin(yaw)) if isfinite(yaw) else (nan, nan)
     state = (x, y, z, yaw, c * vx + s * vy, c * vy - s * vx, vz, rate)
-    off = [real - wanted for real, wanted in zip(state, _WANTED.unpack_from(reference), strict=True)]
-    off[3] = (off[3] + pi) % (2 * pi) - pi
-    return _AXES.pack(t, off[:4], off[4:], _SENT.unpack_from(command))
+    error = [real - wanted for real, wanted in zip(state, _WANTED.unpack_from(reference), strict=True)]
+    error[3] = wrap_angle(error[3])
+    return _AXES.pack(t, error[:4], error[4:], _SENT.unpack_from(command))
 
 
 def timestamp(t: int) -> Timestamp:
-    """Simulated time as protobuf writes it."""
+    """Simulated time (ns) as a protobuf message."""
     return _stamp(Timestamp(), t)
 
 
@@ -141,9 +137,9 @@ _POINT = np.dtype([("position", "<f4", 3), ("colour", ">u4")])
 
 
 def _drawn(message: PointCloud, t: int, points: Array, colour: int) -> bytes:
-    """A cloud of points (n, 3), world, m; the message is one without any."""
+    """A serialised cloud of points (n, 3), world, m. `message` is a cloud without points."""
     coloured = np.empty(len(points), _POINT)
     coloured["position"], coloured["colour"] = points, colour
     _stamp(message.timestamp, t)
-    # What was once put into a message stays in its memory as long as it lives. The points are its last field.
+    # A message never frees the memory of its fields, so the points, its last field, are appended as bytes.
     return message.SerializeToString() + PointCloud(data=coloured.tobytes()).SerializeToString()

@@ -40,7 +40,7 @@ class Truth(_message.Message):
     yaw_rate: float
     actuators: _containers.RepeatedScalarFieldContainer[float]
     touching: bool
-    def __init__(self, stamp: _Optional[int] = ..., position: _Optional[_Iterable[float]] = ..., quat_wxyz: _Optional[_Iterable[float]] = ..., velocity: _Optional[_Iterable[float]] = ..., angular_velocity: _Optional[_Iterable[float]] = ..., yaw: _Optional[float] = ..., yaw_rate: _Optional[float] = ..., actuators: _Optional[_Iterable[float]] = ..., touching: _Optional[bool] = ...) -> None: ...
+    def __init__(self, stamp: _Optional[int] = ..., position: _Optional[_Iterable[float]] = ..., quat_wxyz: _Optional[_Iterable[float]] = ..., velocity: _Optional[_Iterable[float]] = ..., angular_velocity: _Optional[_Iterable[float]] = ..., yaw: _Optional[float] = ..., yaw_rate: _Optional[float] = ..., actuators: _Optional[_Iterable[float]] = ..., touching: bool = ...) -> None: ...
 
 class Pose(_message.Message):
     __slots__ = ("stamp", "position", "quat_wxyz")

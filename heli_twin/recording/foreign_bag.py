@@ -10,8 +10,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from heli_twin.recording.reader import DAMAGE, MAX_UNPACKED, load, records, unpack_chunk
 from heli_twin.recording.schema import LogError
+from heli_twin.recording.unpacking import DAMAGE, Allowance, load, records, unpack_chunk
 
 
 class BagMessage(NamedTuple):
@@ -41,7 +41,7 @@ def bag_messages(path: Path, schemas: Collection[str]) -> Iterator[BagMessage]:
         data = load(path)
         if not data.startswith(MCAP0_MAGIC):
             raise LogError("is not an MCAP file")
-        yield from _Bag(schemas).messages(memoryview(data)[len(MCAP0_MAGIC) :])
+        yield from _Bag(schemas, Allowance(len(data))).messages(memoryview(data)[len(MCAP0_MAGIC) :])
     except LogError as error:
         raise LogError(f"{path} {error}") from None
     except OSError as error:
@@ -51,22 +51,17 @@ def bag_messages(path: Path, schemas: Collection[str]) -> Iterator[BagMessage]:
 
 
 class _Bag:
-    def __init__(self, schemas: Collection[str]) -> None:
-        self._wanted = schemas
+    def __init__(self, schemas: Collection[str], allowance: Allowance) -> None:
+        self._wanted, self._allowance = schemas, allowance
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Channel] = {}
-        self._unpacked = 0
 
     def messages(self, data: memoryview) -> Iterator[BagMessage]:
         for opcode, body in records(data):
             if opcode in (Opcode.FOOTER, Opcode.DATA_END):
                 return
             if opcode == Opcode.CHUNK:
-                chunk = unpack_chunk(bytes(body))
-                self._unpacked += len(chunk)
-                if self._unpacked > MAX_UNPACKED:
-                    raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
-                yield from self.messages(chunk)
+                yield from self.messages(unpack_chunk(body, self._allowance))
             elif opcode == Opcode.SCHEMA:
                 schema = Schema.read(_stream(body))
                 self._schemas[schema.id] = schema.name

@@ -1,4 +1,4 @@
-"""The file of a log while it grows, which becomes memory when the disk gives up."""
+"""The file of a log while it grows; if it cannot be written any more, the log goes on in memory."""
 
 import logging
 import os
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from heli_twin.pasteable import pasteable
 from heli_twin.recording.schema import LogError, LogExistsError
+from heli_twin.whole_file import part_of
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -16,12 +17,12 @@ _LOGGER = logging.getLogger(__name__)
 class LogFile:
     """`NAME.mcap.part` until it is finished.
 
-    A disk that is full, or a folder that is gone, ends the file and not the flight: what was written stays in the
-    `.part` file, and the log goes on in memory, whole, so that the flight is measured like any other. It is told once.
+    A full disk or a removed folder ends the file but not the flight: what was written stays in the `.part` file, and
+    the whole log goes on in memory, so that all metrics can be computed. One warning is logged.
 
     Args:
-        path: Where the log shall be when the flight is over, `.../NAME.mcap`.
-        clock: Tells the simulated time, ns.
+        path: Path of the finished log, `.../NAME.mcap`.
+        clock: Returns the simulated time, ns.
 
     Raises:
         LogExistsError: The name is taken, also if another process takes it at this moment.
@@ -29,13 +30,13 @@ class LogFile:
     """
 
     def __init__(self, path: Path, clock: Callable[[], int] = lambda: 0) -> None:
-        self.path, self.part = path, path.with_name(path.name + ".part")
+        self.path, self.part = path, part_of(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _unwritable(path, error) from error
         try:
-            # Unbuffered, because a buffer cannot be asked for what it could not write.
+            # Unbuffered: after a failed write, the content of a buffer could not be recovered.
             self._file = self.part.open("x+b", buffering=0)
         except FileExistsError:
             raise _exists(self.part) from None
@@ -48,15 +49,15 @@ class LogFile:
         self._clock = clock
         self._size = 0
         self.memory: BytesIO | None = None
-        """The whole log, once the disk has given up."""
+        """The whole log, once the file cannot be written any more; None before."""
         self.trouble = ""
-        """Why there is no file; one sentence."""
+        """The reason why there is no file, one sentence; empty while there is one."""
 
     def write(self, data: bytes) -> None:
         """Add bytes.
 
         Raises:
-            LogError: The disk gave up so badly that what it holds cannot be read either.
+            LogError: The file can be neither written nor read back.
         """
         if self.memory is None:
             try:
@@ -79,7 +80,7 @@ class LogFile:
             self._give_up(error)
 
     def discard(self) -> None:
-        """Remove the file, because nothing worth keeping is in it."""
+        """Remove the file."""
         self._file.close()
         with suppress(OSError):
             self.part.unlink()
@@ -95,7 +96,7 @@ class LogFile:
             self._file.seek(0)
             self.memory = BytesIO(self._file.read(self._size))
         except OSError as worse:
-            # What the flight still has to say goes nowhere.
+            # Later messages are lost too.
             self.memory = BytesIO()
             raise LogError(f"the log {self.path} is lost ({_reason(worse)}): record to another disk") from error
         finally:

@@ -1,21 +1,21 @@
-"""A flight log as NumPy columns: what every metric, figure and picture is computed from."""
+"""A flight log as NumPy columns: the input of every metric, figure and picture."""
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from controllers.signals import Array
+from heli_twin.foreign_text import clean
 from heli_twin.recording import flight_pb2 as pb
+from heli_twin.recording.foxglove import LogMessage, PointCloud
 from heli_twin.recording.packing import Layout
-from heli_twin.recording.schema import LAYOUTS, QP_STATUS, SEVERITY, LogError, plan_layout
+from heli_twin.recording.schema import LAYOUTS, QP_STATUS, SEVERITIES, LogError, Severity, plan_layout
 
 Times = NDArray[np.int64]
 
@@ -131,10 +131,11 @@ class Batteries(NamedTuple):
 
 
 class Event(NamedTuple):
-    """`/events`: something worth telling a person."""
+    """`/events`: something a person wants to know."""
 
     time: int
-    severity: str
+    """ns."""
+    severity: Severity
     name: str
     text: str
 
@@ -148,23 +149,61 @@ class Timings(NamedTuple):
 
 
 class Attachment(NamedTuple):
-    """A file kept in the log."""
+    """A file in the log."""
 
     name: str
     media_type: str
     data: bytes
 
+    def __repr__(self) -> str:
+        return f"Attachment({clean(self.name, 60)!r}, {len(self.data)} bytes)"
+
 
 class Messages(NamedTuple):
-    """One topic as it was recorded."""
+    """The messages of one topic, in the order of the file."""
 
     times: Sequence[int]
+    """Log times, ns."""
     data: Sequence[bytes | memoryview]
 
+    def __repr__(self) -> str:
+        span = f" from {1e-9 * self.times[0]:g} to {1e-9 * self.times[-1]:g} s" if self.times else ""
+        return f"Messages({len(self.times)}{span})"
 
-@dataclass(frozen=True)
+
+OutcomeKind = Literal[
+    "completed", "landed", "crashed", "left_volume", "diverged", "aborted", "interrupted", "imported", "unknown"
+]
+"""How a flight ended. `landed`: the supervisor ended it early; `aborted`: the program raised; `interrupted`: the log
+was recovered and does not say; `imported`: a recording of poses; `unknown`: none that this version knows."""
+OUTCOMES: Mapping[str, OutcomeKind] = {kind: kind for kind in get_args(OutcomeKind)}
+
+Origin = Literal["flight", "import", "resolve", "unknown"]
+"""The program that wrote a log: a flight of the twin, `heli-twin import`, or `heli-twin resolve`."""
+ORIGINS: Mapping[str, Origin] = {origin: origin for origin in get_args(Origin)}
+ORIGIN_KEY = "origin"
+"""Key of the origin in a log's metadata; a flight has none."""
+
+
+class Ending(NamedTuple):
+    """How and when a flight ended."""
+
+    outcome: OutcomeKind = "unknown"
+    time: int = 0
+    """Simulated, ns."""
+    text: str = ""
+    """One sentence; empty if the log has none."""
+    digest: str = ""
+    """SHA-256 of the experiment and of every message but the measured times."""
+    error: str = ""
+    """The exception that aborted the flight."""
+    recovered: bool = False
+    """Whether the log is the intact part of a damaged one."""
+
+
+@dataclass(frozen=True, repr=False)
 class Log:
-    """A flight: what was flown, what crossed the wires, how it ended. Columns are decoded when first asked for."""
+    """A recorded flight: its experiment, its messages and its ending. Columns are decoded when first asked for."""
 
     messages: Mapping[str, Messages]
     experiment: str = ""
@@ -173,52 +212,71 @@ class Log:
     """Versions, platform, wall-clock start, ..."""
     attachments: Mapping[str, Attachment] = field(default_factory=dict)
     """By name."""
-    ending: Mapping[str, str] = field(default_factory=dict)
-    """`outcome`, `time` (ns), `digest` and what else the flight left."""
+    ending: Ending = field(default_factory=Ending)
+
+    def __repr__(self) -> str:
+        count = sum(len(topic.times) for topic in self.messages.values())
+        how = f"{self.outcome} after {1e-9 * self.ending.time:g} s"
+        return f"Log({self.origin}, {how}, {count} messages on {len(self.messages)} topics, {clean(self.digest, 12)})"
+
+    def _repr_html_(self) -> str:
+        """A table of the topics, for notebooks."""
+        from html import escape
+
+        rows = "".join(
+            f"<tr><td>{escape(clean(name, 60))}</td><td>{escape(repr(topic))}</td></tr>"
+            for name, topic in self.messages.items()
+        )
+        return f"<p>{escape(repr(self))}</p><p>{escape(clean(self.ending.text))}</p><table>{rows}</table>"
 
     @property
-    def outcome(self) -> str:
+    def outcome(self) -> OutcomeKind:
         """How the flight ended."""
-        return self.ending.get("outcome", "")
+        return self.ending.outcome
 
     @property
     def digest(self) -> str:
-        """What two flights of the same experiment have in common."""
-        return self.ending.get("digest", "")
+        """Hash that is the same for two flights of the same experiment."""
+        return self.ending.digest
+
+    @property
+    def origin(self) -> Origin:
+        """The program that wrote the log. An import has no truth, and a reference only if a trajectory was given."""
+        return ORIGINS.get(self.metadata.get(ORIGIN_KEY, "flight"), "unknown")
 
     @cached_property
     def truth(self) -> Truths:
-        """What the helicopter really did."""
+        """The true motion of the helicopter."""
         return Truths(*self._columns("/truth"))
 
     @cached_property
     def pose(self) -> Poses:
-        """What the motion capture delivered, in order of arrival."""
+        """The poses of the motion capture, in order of arrival."""
         return Poses(*self._columns("/mocap/pose"))
 
     @cached_property
     def estimate(self) -> Estimates:
-        """What the estimator believed."""
+        """The states that the estimator computed."""
         return Estimates(*self._columns("/estimate"))
 
     @cached_property
     def reference(self) -> References:
-        """Where the helicopter should have been."""
+        """The planned state and input at each control step."""
         return References(*self._columns("/reference"))
 
     @cached_property
     def sent(self) -> Commands:
-        """What the controller asked for."""
+        """The inputs that the controller sent."""
         return Commands(*self._columns("/command/sent"))
 
     @cached_property
     def acting(self) -> Commands:
-        """What was in force at the helicopter, from each time on."""
+        """The inputs in force at the helicopter, from each time on."""
         return Commands(*self._columns("/command/acting"))
 
     @cached_property
     def plan(self) -> Plans:
-        """What the controller expected."""
+        """The plans of the controller, one a control step."""
         data = self._messages("/mpc/plan").data
         with _decoding("/mpc/plan"):
             horizon = len(pb.Plan.FromString(bytes(data[0])).u) // 4 if data else 0
@@ -226,14 +284,14 @@ class Log:
 
     @cached_property
     def qp(self) -> QpReports:
-        """How the control problems were solved."""
+        """The solver's report on each control problem."""
         time, status, *rest = self._columns("/mpc/qp")
         with _decoding("/mpc/qp"):
             return QpReports(time, np.array(QP_STATUS)[status], *rest)
 
     @cached_property
     def disturbance(self) -> Airs:
-        """What the surroundings did to the helicopter."""
+        """Wind and other disturbances, from each time on."""
         return Airs(*self._columns("/disturbance"))
 
     @cached_property
@@ -243,15 +301,17 @@ class Log:
 
     @cached_property
     def events(self) -> list[Event]:
-        """What was worth telling."""
+        """The events of the flight, in order."""
         topic = self._messages("/events")
         with _decoding("/events"):
             messages = [LogMessage.FromString(bytes(data)) for data in topic.data]
-            return [Event(t, SEVERITY[m.level], m.name, m.message) for t, m in zip(topic.times, messages, strict=True)]
+            return [
+                Event(t, SEVERITIES[m.level], m.name, m.message) for t, m in zip(topic.times, messages, strict=True)
+            ]
 
     @cached_property
     def reference_paths(self) -> list[tuple[int, Array]]:
-        """When (ns) each whole path to fly became known, and its points (n, 3), world, m, rounded."""
+        """Time (ns) at which each whole reference path was recorded, and its points (n, 3), world, m, rounded."""
         topic = self._messages("/view/reference_path")
         with _decoding("/view/reference_path"):
             clouds = [PointCloud.FromString(bytes(data)) for data in topic.data]
@@ -259,14 +319,14 @@ class Log:
 
     @cached_property
     def timing(self) -> Timings:
-        """How long computing took."""
+        """Measured computing times."""
         return Timings(*self._columns("/timing"))
 
     def _messages(self, topic: str) -> Messages:
         return self.messages.get(topic, Messages((), ()))
 
     def _columns(self, topic: str, layout: Layout | None = None) -> list[Any]:
-        """Log times and then every field of a topic, one row a message."""
+        """Log times, then each field of a topic, one row a message."""
         messages = self._messages(topic)
         with _decoding(topic):
             records = (layout or LAYOUTS[topic]).unpack(messages.data)
@@ -279,12 +339,11 @@ def _decoding(topic: str) -> Generator[None]:
     try:
         yield
     except (ValueError, IndexError, DecodeError) as error:
-        raise LogError(
-            f"the messages on {topic} cannot be read ({error}): was another program writing them?"
-        ) from error
+        why = clean(str(error), 100)
+        raise LogError(f"the messages on {topic} cannot be read ({why}): was another program writing them?") from error
 
 
 def _points(cloud: PointCloud) -> Array:
-    """Positions (n, 3), which stand first in every point."""
+    """Positions (n, 3): the first three floats of every point."""
     points = np.frombuffer(cloud.data, np.uint8).reshape(-1, cloud.point_stride)
     return np.ascontiguousarray(points[:, :12]).view("<f4").reshape(-1, 3).astype(float)

@@ -1,7 +1,7 @@
-"""Writing MCAP at flight speed.
+"""A fast MCAP writer.
 
-The library's own writer takes 5 us a message and a control step sends twelve; here a message is one `struct.pack`
-and everything rarer is written by the library's records. The bytes are the same as the library's (see the tests).
+The library's own writer takes 5 us a message, and a control step writes twelve. Here a message is one `struct.pack`;
+all other records are written by the library. The bytes are the same as the library's (see the tests).
 """
 
 import struct
@@ -30,54 +30,54 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-LEVEL = -7
-"""Of zstd's compression: a sixth of the time of its default and 15 % larger, for most of a flight is noise."""
+ZSTD_LEVEL = -7
+"""Compression level: a sixth of the time of the default, and files 15 % larger, since most of a flight is noise."""
 
 _OPCODE_AND_LENGTH = 9
-"""Bytes that the length of a record does not count."""
+"""Bytes at the start of a record that its length does not include."""
 _MESSAGE = struct.Struct("<BQHIQQ")
-"""What goes in front of the data of a message: opcode, length, channel, sequence, log and publish time."""
+"""Head of a message: opcode, length, channel, sequence, log and publish time."""
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
-"""A plain number, for an enum would be converted once a message."""
+"""A plain number: an enum would be converted for each message."""
 _CHUNK = struct.Struct("<BQQQQII4sQ")
-"""The same of a chunk: opcode, length, times, size and CRC when unpacked, `zstd` with its length, size packed."""
+"""Head of a chunk: opcode, length, times, size and CRC of the unpacked data, `zstd` with its length, packed size."""
 
 
-class Sink(Protocol):
-    """Takes all the bytes it is given."""
+class Writable(Protocol):
+    """A stream of bytes that takes all it is given."""
 
     def write(self, data: bytes, /) -> Any:
         """Add bytes."""
 
 
 class McapStream:
-    """A chunked, indexed, zstd-compressed MCAP file with all checksums, onto a binary stream."""
+    """Writes a chunked, indexed, zstd-compressed MCAP file with all checksums to a binary stream."""
 
-    def __init__(self, stream: Sink, *, library: str, chunk_size: int) -> None:
+    def __init__(self, stream: Writable, *, library: str, chunk_size: int) -> None:
         self._stream = stream
         self._chunk_size = chunk_size
-        self._compressor = zstandard.ZstdCompressor(level=LEVEL)
+        self._compressor = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
         self._schemas: dict[tuple[str, str, bytes], Schema] = {}
         self._channels: list[Channel] = []
         self._chunks = bytearray()
-        """Index of the chunks so far, packed: the only thing that grows with the flight."""
+        """Index of the chunks so far, packed: the only memory that grows with the flight."""
         self._chunk_count, self._start, self._end = 0, 2**64 - 1, 0
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
         self._head = b""
-        """Schemas and channels, to go in front of the messages of the next chunk."""
+        """Schemas and channels that the next chunk begins with."""
         self._records: list[bytes] = []
-        """Header and data of one message of the chunk in progress after the other."""
+        """The chunk in progress: head and data of each message."""
         self._index: defaultdict[int, list[int]] = defaultdict(list)
-        """By channel, log time of one message after the other and its offset behind the head."""
+        """By channel: log time and offset behind `_head` of each message, alternating."""
         self._size = 0
         self._offset = self._crc = 0
         self._emit(MCAP0_MAGIC)
         self._emit(_bytes(Header("", library)))
 
     def channel(self, topic: str, encoding: str, schema_name: str, schema_encoding: str, schema: bytes) -> int:
-        """Register a topic and, unless it is there already, its message type; returns the channel's id."""
+        """Register a topic and its message type, and return the channel's id."""
         key = (schema_name, schema_encoding, schema)
         if key not in self._schemas:
             self._schemas[key] = Schema(len(self._schemas) + 1, schema, schema_encoding, schema_name)
@@ -94,7 +94,7 @@ class McapStream:
         """Add messages: channel, time at which they are logged and published (ns), data.
 
         Returns:
-            Header and data of one after the other.
+            Head and data of each message, alternating.
         """
         pack, written, first = _MESSAGE.pack, list[bytes](), 0
         index, size, room = self._index, self._size, self._chunk_size - len(self._head)
@@ -168,7 +168,7 @@ class McapStream:
         packed = self._compressor.compress(records)
         times = [time for entry in self._index.values() for time in entry[::2]]
         start, end = min(times), max(times)
-        # The library would copy what is packed three times.
+        # The library would copy the packed data three times.
         chunk_length = _CHUNK.size + len(packed)
         length, crc = chunk_length - _OPCODE_AND_LENGTH, zlib.crc32(records)
         chunk = _CHUNK.pack(Opcode.CHUNK, length, start, end, len(records), crc, 4, b"zstd", len(packed))

@@ -1,7 +1,7 @@
-"""Protobuf messages of fixed size as NumPy records: the key and length bytes never change, only the values between.
+"""Protobuf messages of fixed size as NumPy records: only the values change, the key and length bytes stay the same.
 
-Writing many such messages is one assignment for each field, and a whole column of a log is one `np.frombuffer`; the
-bytes are those that the generated class would write.
+Many messages are written with one assignment per field, and a whole column of a log is read by one `np.frombuffer`.
+The bytes are those that the generated class writes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -20,11 +20,11 @@ _SCALARS = {
     Field.TYPE_BOOL: ("?", _VARINT),
     Field.TYPE_ENUM: ("u1", _VARINT),
 }
-"""Types whose values have one size: NumPy type and wire type. Enums must stay below 128, one byte."""
+"""NumPy type and wire type of the types of fixed size. Enums must stay below 128, one byte."""
 
 
 class Layout:
-    """Where the values of one message type lie, given the shapes of its repeated fields."""
+    """The byte offsets of the values of one message type, given the shapes of its repeated fields."""
 
     def __init__(self, message: type[Message], **shapes: tuple[int, ...]) -> None:
         prefixes, names, formats, offsets = [], [], [], []
@@ -50,7 +50,7 @@ class Layout:
         self._prefix = np.frombuffer(self._template, np.uint8)[self._constant]
 
     def pack(self, rows: Sequence[Iterable[Any]]) -> list[bytes]:
-        """One message for each row of values, in the order of the fields; arrays for the repeated ones."""
+        """Serialise one message per row of values, in the order of the fields; repeated fields are arrays."""
         size = self.dtype.itemsize
         buffer = bytearray(self._template * len(rows))
         records = np.frombuffer(buffer, self.dtype)
@@ -63,7 +63,7 @@ class Layout:
         """The values of many messages as a record array (n,).
 
         Raises:
-            ValueError: A message is not laid out like this.
+            ValueError: A message has another layout.
         """
         size = self.dtype.itemsize
         if any(len(message) != size for message in messages):
@@ -76,7 +76,7 @@ class Layout:
 
 
 def _varint(value: int) -> bytes:
-    """Protobuf's variable-length integer, seven bits a byte, least significant first."""
+    """An integer in protobuf's variable-length code: seven bits a byte, least significant first."""
     out = bytearray()
     while value > 127:
         out.append(value & 127 | 128)

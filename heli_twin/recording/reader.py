@@ -1,78 +1,67 @@
-"""Reading a flight log: every checksum checked, damage told in one sentence."""
+"""Reading a flight log: every checksum is checked, and damage is told in one sentence."""
 
-import struct
 import zlib
-from collections.abc import Collection, Generator, Iterator
+from collections.abc import Collection, Generator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import IO
 
-import numpy as np
-import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.records import Chunk, DataEnd, Footer
-from mcap.stream_reader import get_chunk_data_stream
-from mcap.summary import Summary
+from mcap.records import Channel, DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC
 
-from heli_twin.pasteable import pasteable
-from heli_twin.recording.log import Attachment, Log, Messages
-from heli_twin.recording.schema import EXPERIMENT, FORMAT, LogError, unsealed
+from heli_twin.foreign_text import clean, instead
+from heli_twin.recording.log import OUTCOMES, Attachment, Ending, Log, Messages
+from heli_twin.recording.schema import EXPERIMENT, FORMAT, TOPICS, LogError, unsealed
+from heli_twin.recording.unpacking import (
+    DAMAGE,
+    MESSAGE,
+    MESSAGE_OVERHEAD_BYTES,
+    RECORD,
+    Allowance,
+    attachment_record,
+    load,
+    metadata_record,
+    records,
+    unpack_chunk,
+)
 
-MAX_FILE = 2 * 1024**3
-"""Bytes of the largest file that is read; an hour of flight is about 400 MB."""
-MAX_CHUNK = 64 * 1024**2
-"""Bytes of the largest chunk that is unpacked; the recorder's are 256 KiB."""
-MAX_UNPACKED = 4 * 1024**3
-"""Bytes of all chunks of a log together."""
-
-RECORD = struct.Struct("<BQ")
-"""What every MCAP record starts with: opcode and length."""
-MESSAGE = struct.Struct("<HIQQ")
-"""What every message starts with: channel, sequence, log and publish time."""
-_MESSAGE_RECORD = struct.Struct("<BQHIQQ")
-_INDEX_RECORD = struct.Struct("<BQHI")
-"""Opcode, length, channel and bytes of what follows: pairs of log time and offset in the chunk."""
 _FOOTER_SIZE, _DATA_END_SIZE = RECORD.size + 20, RECORD.size + 4
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)
+"""A plain number: an enum would be converted for each record."""
+LATEST_NS = 2**63 - 1
+"""The latest time that fits into the columns of a log."""
 
 
 def read_log(source: Path | str | IO[bytes], topics: Collection[str] | None = None) -> Log:
-    """Read a log; its columns are decoded when they are asked for.
+    """Read a log; its columns are decoded when first asked for.
 
     Args:
-        source: A file, or a stream that can seek, such as the one a recorder in memory leaves.
-        topics: What to keep of it, the others are checked and dropped; None keeps all.
+        source: A file, or a stream that can seek, such as that of a recorder in memory.
+        topics: The topics to keep, the others are checked and dropped; None keeps all.
 
     Raises:
-        LogError: There is no such file, it is damaged, unfinished, or not a log that this version can read.
+        LogError: The file is missing, damaged, unfinished, or not a log that this version can read, or a topic is
+            unknown.
     """
     name = str(source) if isinstance(source, Path | str) else "the log in memory"
     with _reading(name):
         data = load(source)
         _check_ends(data)
-        reader = SeekingReader(BytesIO(data), validate_crcs=True, record_size_limit=MAX_FILE)
-        summary = reader.get_summary()
-        if summary is None:
-            raise ValueError("it has no summary")
-        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
-        check_format(metadata.get("heli_twin"))
-        attachments = {a.name: Attachment(a.name, a.media_type, a.data) for a in reader.iter_attachments()}
-        return Log(
-            messages=_messages(data, summary, topics),
-            experiment=attachments[EXPERIMENT].data.decode(),
-            metadata=unsealed(metadata.get("run", {})),
-            attachments=attachments,
-            ending=unsealed(metadata.get("end", {})),
-        )
+        contents = _Contents(topics, Allowance(len(data)))
+        for opcode, body in records(memoryview(data), len(MCAP0_MAGIC)):
+            if opcode == Opcode.DATA_END:
+                break
+            contents.take(opcode, body)
+        return contents.log()
 
 
 @contextmanager
 def _reading(name: str) -> Generator[None]:
-    """Turn whatever goes wrong inside into one sentence about the file of that name."""
+    """Turn every exception inside into one sentence about the file of that name."""
+    name = clean(name, 200)
     try:
         yield
     except LogError as error:
@@ -80,24 +69,8 @@ def _reading(name: str) -> Generator[None]:
     except OSError as error:
         raise LogError(f"{name} cannot be opened: {error.strerror or error}") from error
     except DAMAGE as error:
-        command = pasteable("heli-twin", "recover", Path(name))
-        raise LogError(f"{name} is damaged ({error or type(error).__name__}): try `{command}`") from error
-
-
-DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, OverflowError, MemoryError)
-"""What the libraries raise on bytes that are not what they should be."""
-
-
-def load(source: Path | str | IO[bytes]) -> bytes:
-    """The bytes of a file that is not too large."""
-    if isinstance(source, Path | str):
-        with Path(source).open("rb") as stream:
-            return load(stream)
-    source.seek(0)
-    data = source.read(MAX_FILE + 1)
-    if len(data) > MAX_FILE:
-        raise LogError(f"is larger than {MAX_FILE} bytes: split it with the mcap command line tool")
-    return data
+        what = clean(str(error), 100) or type(error).__name__
+        raise LogError(f"{name} is damaged ({what}): try `heli-twin recover {name}`") from error
 
 
 def _check_ends(data: bytes) -> None:
@@ -119,9 +92,9 @@ def _check_ends(data: bytes) -> None:
 
 
 def check_format(identity: dict[str, str] | None) -> None:
-    """Check that a log with this metadata is one that this version can read."""
+    """Check that this version can read a log with this metadata."""
     version = (identity or {}).get("format", "")
-    if not version.isdecimal():
+    if not (version.isascii() and version.isdecimal() and len(version) < 10):
         raise LogError("is not a flight of heli-twin: give a log that heli-twin recorded")
     if int(version) > FORMAT:
         raise LogError(
@@ -129,58 +102,97 @@ def check_format(identity: dict[str, str] | None) -> None:
         )
 
 
-def _messages(data: bytes, summary: Summary, topics: Collection[str] | None) -> dict[str, Messages]:
-    """The messages of each topic, in the order of the file, found by the indexes of the chunks."""
-    kept = {id: channel.topic for id, channel in summary.channels.items() if topics is None or channel.topic in topics}
-    found: dict[int, tuple[list[int], list[bytes]]] = {channel: ([], []) for channel in kept}
-    size = 0
-    for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
-        start = index.chunk_start_offset + RECORD.size
-        chunk = bytes(unpack_chunk(data[start : index.chunk_start_offset + index.chunk_length]))
-        size += len(chunk)
-        if size > MAX_UNPACKED:
-            raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
-        for channel, at in index.message_index_offsets.items():
-            if channel in kept:
-                times, messages = found[channel]
-                for time, offset in _index(data, at, channel):
-                    opcode, length, of, _, logged, _ = _MESSAGE_RECORD.unpack_from(chunk, offset)
-                    end = offset + RECORD.size + length
-                    if (opcode, of, logged) != (Opcode.MESSAGE, channel, time) or end > len(chunk):
-                        raise ValueError("an index points at something else")
-                    times.append(time)
-                    messages.append(chunk[offset + _MESSAGE_RECORD.size : end])
-    counted = summary.statistics.channel_message_counts if summary.statistics else {}
-    if any(len(times) != counted.get(channel, 0) for channel, (times, _) in found.items()):
-        raise ValueError("its index is not complete")
-    return {kept[channel]: Messages(*columns) for channel, columns in found.items()}
+class _Contents:
+    """Collects the records of a log, each once and in the order of the file; the index is not used."""
+
+    def __init__(self, topics: Collection[str] | None, allowance: Allowance) -> None:
+        self._topics, self._allowance = topics, allowance
+        self._channels: dict[int, str] = {}
+        self._messages: dict[str, tuple[list[int], list[bytes]]] = {}
+        self._columns: dict[int, tuple[list[int], list[bytes]]] = {}
+        """The same by channel; only of topics that are kept."""
+        self._metadata: dict[str, dict[str, str]] = {}
+        self._attachments: dict[str, Attachment] = {}
+
+    def take(self, opcode: int, body: memoryview) -> None:
+        """Add a record of the file."""
+        if opcode == Opcode.CHUNK:
+            for inner, inner_body in records(unpack_chunk(body, self._allowance)):
+                if inner == _MESSAGE_OPCODE:
+                    self._message(inner_body)
+                elif inner == Opcode.CHANNEL:
+                    self._channel(Channel.read(ReadDataStream(BytesIO(inner_body))))
+        elif opcode == Opcode.MESSAGE:
+            self._message(body)
+        elif opcode == Opcode.CHANNEL:
+            self._channel(Channel.read(ReadDataStream(BytesIO(body))))
+        elif opcode == Opcode.METADATA:
+            record = metadata_record(body, self._allowance)
+            self._only("metadata records", record.name, self._metadata)
+            self._metadata[record.name] = record.metadata
+        elif opcode == Opcode.ATTACHMENT:
+            file = attachment_record(body, self._allowance)
+            self._only("attachments", file.name, self._attachments)
+            self._attachments[file.name] = Attachment(file.name, file.media_type, file.data)
+
+    def log(self) -> Log:
+        """The log, once all records were added."""
+        check_format(self._metadata.get("heli_twin"))
+        known = [topic.name for topic in TOPICS] + [*self._channels.values()]
+        unknown = next((topic for topic in self._topics or () if topic not in known), None)
+        if unknown is not None:
+            raise LogError(f"has no topic {instead(unknown, known[: len(TOPICS)])}")
+        if EXPERIMENT not in self._attachments:
+            raise LogError("does not say what was flown: give a log that heli-twin recorded")
+        return Log(
+            messages={topic: Messages(*columns) for topic, columns in self._messages.items()},
+            experiment=self._attachments[EXPERIMENT].data.decode(),
+            metadata=unsealed(self._metadata.get("run", {})),
+            attachments=self._attachments,
+            ending=ending_of(self._metadata.get("end", {})),
+        )
+
+    def _message(self, body: memoryview) -> None:
+        channel, _, time, _ = MESSAGE.unpack_from(body)
+        columns = self._columns.get(channel)
+        if columns is not None:
+            if time > LATEST_NS:
+                raise LogError(f"has a message at {time} ns, later than any flight: heli-twin did not write it")
+            self._allowance.take(MESSAGE_OVERHEAD_BYTES)
+            columns[0].append(time)
+            columns[1].append(bytes(body[MESSAGE.size :]))
+        elif channel not in self._channels:
+            raise ValueError("a message of a channel that is not described")
+
+    def _channel(self, channel: Channel) -> None:
+        if self._channels.get(channel.id) == channel.topic:
+            return
+        if channel.id in self._channels or channel.topic in self._channels.values():
+            topic = clean(channel.topic, 60)
+            raise LogError(f"has two channels for {topic}, of which one would hide the other: heli-twin writes one")
+        self._channels[channel.id] = channel.topic
+        if self._topics is None or channel.topic in self._topics:
+            self._messages[channel.topic] = self._columns[channel.id] = ([], [])
+
+    def _only(self, kind: str, name: str, known: Collection[str]) -> None:
+        if name in known:
+            raise LogError(f"has two {kind} called {clean(name, 60)}, of which one would hide the other")
 
 
-def _index(data: bytes, at: int, channel: int) -> list[list[int]]:
-    """Log time and offset of each message of a channel in a chunk, from the message index at this place."""
-    opcode, length, of, size = _INDEX_RECORD.unpack_from(data, at)
-    if (opcode, of, size) != (Opcode.MESSAGE_INDEX, channel, length - 6):
-        raise ValueError("a message index is somewhere else")
-    return np.frombuffer(data, "<u8", size // 8, at + _INDEX_RECORD.size).reshape(-1, 2).tolist()
+def ending_of(metadata: dict[str, str]) -> Ending:
+    """How a flight ended, from the metadata of its log.
 
-
-def records(data: memoryview, at: int = 0) -> Iterator[tuple[int, memoryview]]:
-    """Opcode and body of one MCAP record after the other."""
-    while at < len(data):
-        opcode, length = RECORD.unpack_from(data, at)
-        start, at = at + RECORD.size, at + RECORD.size + length
-        if at > len(data):
-            raise ValueError("a record runs over the end")
-        yield opcode, data[start:at]
-
-
-def unpack_chunk(body: bytes | memoryview) -> memoryview:
-    """The records in a chunk; its sizes are checked before anything of that size is made."""
-    chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-    sizes = {chunk.uncompressed_size}
-    if chunk.compression == "zstd":
-        sizes.add(zstandard.frame_content_size(chunk.data))
-    if len(sizes) > 1 or chunk.uncompressed_size > MAX_CHUNK:
-        raise ValueError(f"a chunk of {max(sizes)} bytes")
-    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    return memoryview(stream.read(length))
+    Raises:
+        LogError: The flight ended at no possible time.
+    """
+    time = metadata.get("time", "0")
+    if not (time.isascii() and time.isdecimal() and len(time) < 20 and int(time) <= LATEST_NS):
+        raise LogError(f"ends at '{clean(time, 30)}', which is no time in ns: heli-twin did not write it")
+    return Ending(
+        outcome=OUTCOMES.get(metadata.get("outcome", ""), "unknown"),
+        time=int(time),
+        text=metadata.get("text", ""),
+        digest=metadata.get("digest", ""),
+        error=metadata.get("error", ""),
+        recovered="recovered" in metadata,
+    )

@@ -1,6 +1,5 @@
-"""Saving what is good of a log that stops in the middle or has a damaged place."""
+"""Saving the intact part of a log that stops in the middle or is damaged."""
 
-import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from hashlib import sha256
@@ -12,20 +11,33 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata
 from mcap.writer import MCAP0_MAGIC
 
+from heli_twin.foreign_text import clean
 from heli_twin.recording.mcap_stream import McapStream
-from heli_twin.recording.reader import DAMAGE, MAX_UNPACKED, MESSAGE, check_format, load, records, unpack_chunk
+from heli_twin.recording.reader import LATEST_NS, check_format, ending_of
 from heli_twin.recording.schema import EXPERIMENT, TOPICS, LogError, sealed, unsealed
+from heli_twin.recording.unpacking import (
+    DAMAGE,
+    MESSAGE,
+    MESSAGE_OVERHEAD_BYTES,
+    Allowance,
+    attachment_record,
+    load,
+    metadata_record,
+    records,
+    unpack_chunk,
+)
 from heli_twin.recording.writer import CHUNK_SIZE, LIBRARY
+from heli_twin.whole_file import whole_file
 
 
 def recover(path: Path) -> Path:
-    """Copy everything that passes its checksum into a new log and leave the old one as it is.
+    """Copy everything whose checksum is right into a new log; the old one stays as it is.
 
     Args:
-        path: A log, finished or not: `NAME.mcap.part` becomes `NAME.mcap`, `NAME.mcap` becomes `NAME.recovered.mcap`.
+        path: A log, finished or not: `NAME.mcap.part` is saved as `NAME.mcap`, `NAME.mcap` as `NAME.recovered.mcap`.
 
     Returns:
-        The new log; its outcome is `interrupted` unless the old one says how the flight ended.
+        Path of the new log; its outcome is `interrupted` unless the old one says how the flight ended.
 
     Raises:
         LogError: There is nothing to save, or the new log cannot be written.
@@ -35,27 +47,19 @@ def recover(path: Path) -> Path:
         data = load(path)
     except OSError as error:
         raise LogError(f"{path} cannot be opened: {error.strerror or error}") from error
+    if target.exists():
+        raise LogError(f"{path} is not recovered, for {target} exists already: move that away")
     try:
-        _write(target, _salvage(data))
-    except FileExistsError:
-        raise LogError(f"{path} is not recovered, for {target} exists already: move that away") from None
+        contents = _salvage(data)
+        # `NAME.mcap.part` may be the damaged log itself.
+        with whole_file(target, part=target.with_name(f"{target.name}.recovered")) as part:
+            part.write_bytes(contents)
     except OSError as error:
         why = error.strerror or error
         raise LogError(f"{target} cannot be written ({why}): copy {path} to another folder") from error
     except LogError as error:
         raise LogError(f"{path} cannot be recovered: it {error}") from error
     return target
-
-
-def _write(target: Path, contents: bytes) -> None:
-    """Make a new file, whole or not at all."""
-    with target.open("xb") as stream:
-        try:
-            stream.write(contents)
-            stream.flush()
-        except OSError:
-            target.unlink()
-            raise
 
 
 def _salvage(data: bytes) -> bytes:
@@ -67,7 +71,8 @@ def _salvage(data: bytes) -> bytes:
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, Attachment] = {}
     chunks: dict[bytes, memoryview] = {}
-    for record in _intact_records(data):
+    allowance = Allowance(len(data))
+    for record in _intact_records(data, allowance):
         if isinstance(record, Metadata):
             metadata.setdefault(record.name, record.metadata)
         elif isinstance(record, Attachment):
@@ -75,6 +80,7 @@ def _salvage(data: bytes) -> bytes:
         else:
             chunks.setdefault(sha256(record).digest(), record)
     check_format(metadata.get("heli_twin"))
+    ending_of(metadata.get("end", {}))
     if EXPERIMENT not in attachments:
         raise LogError("breaks off before it says what was flown")
     for name, record in metadata.items():
@@ -83,7 +89,7 @@ def _salvage(data: bytes) -> bytes:
     for attachment in attachments.values():
         log.attachment(attachment.name, attachment.media_type, attachment.data)
     last = 0
-    for messages in sorted(filter(None, map(_messages, chunks.values())), key=_begin):
+    for messages in sorted(filter(None, (_messages(chunk, allowance) for chunk in chunks.values())), key=_begin):
         for message in messages:
             log.message(*message)
             last = max(last, message[1])
@@ -93,52 +99,49 @@ def _salvage(data: bytes) -> bytes:
     return stream.getvalue()
 
 
-def _intact_records(data: bytes) -> Iterator[Metadata | Attachment | memoryview]:
-    """Metadata, attachments and unpacked chunks before the file breaks off, but none that fails its checksum."""
-    unpacked = 0
+def _intact_records(data: bytes, allowance: Allowance) -> Iterator[Metadata | Attachment | memoryview]:
+    """Metadata, attachments and unpacked chunks up to where the file breaks off, without those whose checksum fails."""
     with suppress(*DAMAGE):
         for opcode, body in records(memoryview(data), len(MCAP0_MAGIC)):
             with suppress(*DAMAGE):
                 if opcode == Opcode.CHUNK:
-                    chunk = unpack_chunk(body)
-                    unpacked += len(chunk)
-                    if unpacked > MAX_UNPACKED:
-                        return
-                    yield chunk
+                    yield unpack_chunk(body, allowance)
                 elif opcode == Opcode.METADATA:
-                    record = Metadata.read(ReadDataStream(BytesIO(body)))
+                    record = metadata_record(body, allowance)
                     if record.name == "heli_twin" or record.metadata == sealed(unsealed(record.metadata)):
                         yield record
-                elif opcode == Opcode.ATTACHMENT and zlib.crc32(body[:-4]) == int.from_bytes(body[-4:], "little"):
-                    yield Attachment.read(ReadDataStream(BytesIO(body)))
+                elif opcode == Opcode.ATTACHMENT:
+                    yield attachment_record(body, allowance)
 
 
 Message = tuple[int, int, bytes]
 """Channel, log time (ns) and data."""
 
 
-def _messages(chunk: memoryview) -> list[Message]:
-    """The messages of an unpacked chunk; none if it is not one of a flight.
+def _messages(chunk: memoryview, allowance: Allowance) -> list[Message]:
+    """The messages of an unpacked chunk; none if it is not a chunk of messages.
 
     Raises:
-        LogError: Its channels are not those of this version.
+        LogError: Its channels are not those of this version, or the allowance is used up.
     """
     messages: list[Message] = []
     with suppress(*DAMAGE):
         for opcode, body in records(chunk):
             if opcode == Opcode.CHANNEL:
-                known = Channel.read(ReadDataStream(BytesIO(body)))
-                if known.topic != TOPICS[known.id - 1].name:
-                    raise LogError(f"has topics of another version ({known.topic}): recover it with that one")
+                channel = Channel.read(ReadDataStream(BytesIO(body)))
+                if not 1 <= channel.id <= len(TOPICS) or channel.topic != TOPICS[channel.id - 1].name:
+                    topic = clean(channel.topic, 60)
+                    raise LogError(f"has topics of another version ({topic}): recover it with that one")
             elif opcode == Opcode.MESSAGE:
                 channel, _, time, _ = MESSAGE.unpack_from(body)
-                if not 1 <= channel <= len(TOPICS):
+                if not 1 <= channel <= len(TOPICS) or time > LATEST_NS:
                     return []
+                allowance.take(len(body) + MESSAGE_OVERHEAD_BYTES)
                 messages.append((channel, time, bytes(body[MESSAGE.size :])))
         return messages
     return []
 
 
 def _begin(messages: list[Message]) -> int:
-    """When the first of some messages was logged, ns: a spliced file may hold its chunks in another order."""
+    """The first log time, ns: a spliced file may hold its chunks in another order."""
     return min(time for _, time, _ in messages)

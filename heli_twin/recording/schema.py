@@ -1,27 +1,26 @@
-"""The contract of a flight log: its topics in the order data flows, their message types and layouts."""
+"""The format of a flight log: its topics in the order in which data flow, their message types and layouts."""
 
 import zlib
 from collections.abc import Mapping
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from controllers.signals import QpStatus
 from heli_twin.errors import HeliTwinError
 from heli_twin.recording import flight_pb2 as pb
+from heli_twin.recording.foxglove import FrameTransform, LogMessage, PointCloud
 from heli_twin.recording.packing import Layout
 
 FORMAT = 1
-"""Version of this contract; a reader refuses a greater one."""
+"""Version of the log format; a reader refuses a greater one."""
 EXPERIMENT = "experiment.json"
-"""Name of the attachment that says what was flown."""
+"""Name of the attachment that holds the experiment."""
 PROTO = Path(__file__).with_name("flight.proto")
-"""The contract with its comments; a copy is in every log."""
+"""The message types with their comments; a copy is in every log."""
 FRAME = "world"
 """Name of the world frame in messages made for viewers."""
 PLAN_STATES = 10
@@ -37,14 +36,14 @@ class LogExistsError(LogError):
 
 
 SEAL = "crc32"
-"""Key of the checksum of a metadata record: MCAP has none, and a recovered number must be true."""
+"""Key of the checksum of a metadata record. MCAP itself has none, and `recover` must not save damaged numbers."""
 
 
 def sealed(data: Mapping[str, str]) -> dict[str, str]:
     """Metadata with its checksum.
 
     Raises:
-        LogError: The metadata have a key of that name.
+        LogError: The metadata have the key `SEAL`.
     """
     if SEAL in data:
         raise LogError(f"metadata cannot have the key {SEAL!r}, for their checksum has it: choose another name")
@@ -93,10 +92,10 @@ WIRES = (
     _protobuf("/mpc/plan", pb.Plan),
     _protobuf("/mpc/qp", pb.QpReport),
     _protobuf("/disturbance", pb.Air),
-    _protobuf("/events", Log),
+    _protobuf("/events", LogMessage),
     _protobuf("/timing", pb.Timing),
 )
-"""What crossed the wires."""
+"""The signals of the flight."""
 
 FOR_VIEWERS = (
     _ros2("/robot_description", "std_msgs/msg/String", "string data\n"),
@@ -105,14 +104,14 @@ FOR_VIEWERS = (
     _protobuf("/view/horizon", PointCloud),
     _ros2("/view/error_and_input", "sensor_msgs/msg/JointState", _JOINTS),
 )
-"""The same flight once more, thinned out, in the message types that viewers draw without being told how."""
+"""The same flight again at a lower rate, in message types that viewers draw without configuration."""
 
 LATER_WIRES = (_protobuf("/battery", pb.Battery),)
 """Wires that came later: the number of a channel is the place of its topic, in logs of before too."""
 
 TOPICS = WIRES + FOR_VIEWERS + LATER_WIRES
 TIMING = "/timing"
-"""The one topic that the flight digest leaves out: measured times differ from run to run."""
+"""The only topic that the flight digest leaves out: measured times differ from run to run."""
 
 LAYOUTS: Mapping[str, Layout] = {
     "/truth": Layout(pb.Truth, position=(3,), quat_wxyz=(4,), velocity=(3,), angular_velocity=(3,), actuators=(4,)),
@@ -126,29 +125,34 @@ LAYOUTS: Mapping[str, Layout] = {
     "/timing": Layout(pb.Timing),
     "/battery": Layout(pb.Battery),
 }
-"""How the wires of one size are packed; `/mpc/plan` depends on the horizon, `/events` on their text."""
+"""Layouts of the messages of fixed size; that of `/mpc/plan` depends on the horizon, and `/events` are text."""
 
-# Enums of protobuf are no mappings: their keys cannot be had without keys().
-QP_STATUS = tuple(name.removeprefix("QP_STATUS_").lower() for name in pb.QpStatus.keys())  # noqa: SIM118
-"""Names of the rungs of the fallback ladder, by their number in the log."""
-SEVERITY = tuple(name.lower() for name in Log.Level.keys())  # noqa: SIM118
-"""Names of the severities of an event, by their number in the log."""
+QP_STATUS: tuple[str, ...] = ("unspecified", *get_args(QpStatus))
+"""Names of the statuses of a control problem, by their number in the log."""
+Severity = Literal["unknown", "debug", "info", "warning", "error", "fatal"]
+"""How serious an event is; nothing that is recorded is `unknown`."""
+SEVERITIES: tuple[Severity, ...] = get_args(Severity)
+"""By their number in the log."""
 
 
 @cache
 def proto() -> bytes:
-    """The text of the contract."""
+    """The text of `flight.proto`."""
     return PROTO.read_bytes()
 
 
 @lru_cache
 def plan_layout(horizon: int) -> Layout:
-    """How a plan of so many steps is packed."""
+    """The layout of a plan with this number of steps."""
     return Layout(pb.Plan, x=(horizon + 1, PLAN_STATES), u=(horizon, 4), u_nominal=(horizon, 4))
 
 
 def code(names: tuple[str, ...], name: str, what: str) -> int:
-    """The number that stands for `name` in the log."""
+    """The number of `name` in the log.
+
+    Raises:
+        LogError: `name` is not one of `names`; the message calls it an unknown `what`.
+    """
     if name not in names:
         raise LogError(f"unknown {what} {name!r}: use one of {', '.join(names[1:])}")
     return names.index(name)

@@ -1,6 +1,6 @@
-"""What the helicopter looks like in viewers: the mCX2 in a few primitives, body frame, origin at the centre of gravity.
+"""The drawn shape of the mCX2: a few primitives, body frame, origin at the centre of gravity.
 
-One list for both ways of drawing: the URDF in every log and the Rerun scene. Lengths in m.
+The URDF in every log and the Rerun scene are both made from these lists. Lengths in m.
 """
 
 from math import pi
@@ -13,8 +13,8 @@ RED, WHITE, DARK, METAL, TIP = 0xD93A26FF, 0xF2F2EDFF, 0x3A3C42FF, 0xA0A4ABFF, 0
 DISC = 0x6FA8DC10
 
 
-class Part(NamedTuple):
-    """A primitive of the URDF: sphere (radius), cylinder about z (radius, length) or box (three lengths)."""
+class Primitive(NamedTuple):
+    """One solid of the URDF: sphere (radius), cylinder about z (radius, length) or box (three lengths)."""
 
     kind: Literal["sphere", "cylinder", "box"]
     size: tuple[float, ...]
@@ -22,43 +22,43 @@ class Part(NamedTuple):
     colour: int
     """RGBA."""
     rpy: Triple = (0.0, 0.0, 0.0)
-    """Roll, pitch, yaw from the body's axes to the part's, rad."""
+    """Roll, pitch, yaw from the body's axes to the primitive's, rad."""
 
 
 _ALONG_X, _ALONG_Y = (0.0, pi / 2, 0.0), (pi / 2, 0.0, 0.0)
 _CANOPY = [0.036 - 0.004 * i for i in range(24)]
-"""Where along x the spheres stand that make the canopy's teardrop; a URDF has no ellipsoid."""
+"""Positions along x of the spheres that form the canopy: a URDF has no ellipsoid."""
 
 FUSELAGE = (
-    *(Part("sphere", (0.0225 - 0.27 * abs(x - 0.012),), (x, 0.0, -0.0068 - 0.1 * x), RED) for x in _CANOPY),
-    Part("sphere", (0.0165,), (0.034, 0.0, -0.0065), DARK),
-    Part("box", (0.05, 0.034, 0.006), (0.018, 0.0, -0.028), WHITE),
-    Part("cylinder", (0.003, 0.075), (-0.086, 0.0, 0.002), DARK, _ALONG_X),
-    Part("box", (0.022, 0.003, 0.05), (-0.121, 0.0, 0.010), RED),
-    Part("box", (0.017, 0.060, 0.002), (-0.102, 0.0, 0.0035), WHITE),
-    *(Part("cylinder", (0.0018, 0.09), (0.006, y, -0.0435), DARK, _ALONG_X) for y in (-0.029, 0.029)),
-    *(Part("cylinder", (0.0015, 0.058), (x, 0.0, -0.038), DARK, _ALONG_Y) for x in (0.034, -0.018)),
-    Part("cylinder", (0.002, 0.064), (0.0, 0.0, 0.042), METAL),
+    *(Primitive("sphere", (0.0225 - 0.27 * abs(x - 0.012),), (x, 0.0, -0.0068 - 0.1 * x), RED) for x in _CANOPY),
+    Primitive("sphere", (0.0165,), (0.034, 0.0, -0.0065), DARK),
+    Primitive("box", (0.05, 0.034, 0.006), (0.018, 0.0, -0.028), WHITE),
+    Primitive("cylinder", (0.003, 0.075), (-0.086, 0.0, 0.002), DARK, _ALONG_X),
+    Primitive("box", (0.022, 0.003, 0.05), (-0.121, 0.0, 0.010), RED),
+    Primitive("box", (0.017, 0.060, 0.002), (-0.102, 0.0, 0.0035), WHITE),
+    *(Primitive("cylinder", (0.0018, 0.09), (0.006, y, -0.0435), DARK, _ALONG_X) for y in (-0.029, 0.029)),
+    *(Primitive("cylinder", (0.0015, 0.058), (x, 0.0, -0.038), DARK, _ALONG_Y) for x in (0.034, -0.018)),
+    Primitive("cylinder", (0.002, 0.064), (0.0, 0.0, 0.042), METAL),
 )
-"""Everything that does not turn."""
+"""The primitives that do not turn."""
 
 
-def _rotor(height: float) -> tuple[Part, ...]:
+def _rotor(height: float) -> tuple[Primitive, ...]:
     return (
-        Part("cylinder", (0.095, 0.0008), (0.0, 0.0, height), DISC),
-        Part("cylinder", (0.0065, 0.006), (0.0, 0.0, height), METAL),
-        Part("box", (0.17, 0.015, 0.0016), (0.0, 0.0, height), DARK),
-        *(Part("box", (0.012, 0.0155, 0.002), (x, 0.0, height), TIP) for x in (-0.089, 0.089)),
+        Primitive("cylinder", (0.095, 0.0008), (0.0, 0.0, height), DISC),
+        Primitive("cylinder", (0.0065, 0.006), (0.0, 0.0, height), METAL),
+        Primitive("box", (0.17, 0.015, 0.0016), (0.0, 0.0, height), DARK),
+        *(Primitive("box", (0.012, 0.0155, 0.002), (x, 0.0, height), TIP) for x in (-0.089, 0.089)),
     )
 
 
 ROTOR_LOWER, ROTOR_UPPER = _rotor(0.028), _rotor(0.054)
-"""Two rotors that turn against each other about the body's z axis."""
+"""Two rotors that turn in opposite directions about the body's z axis."""
 STABILISER = (
-    Part("cylinder", (0.0015, 0.11), (0.0, 0.0, 0.072), METAL, _ALONG_Y),
-    *(Part("sphere", (0.004,), (0.0, y, 0.072), METAL) for y in (-0.055, 0.055)),
+    Primitive("cylinder", (0.0015, 0.11), (0.0, 0.0, 0.072), METAL, _ALONG_Y),
+    *(Primitive("sphere", (0.004,), (0.0, y, 0.072), METAL) for y in (-0.055, 0.055)),
 )
-"""The bar above the upper rotor; turns with it."""
+"""The bar above the upper rotor, which turns with it."""
 
 
 def urdf(name: str, root: str) -> str:
@@ -69,8 +69,8 @@ def urdf(name: str, root: str) -> str:
     ET.SubElement(joint, "parent", link=root)
     ET.SubElement(joint, "child", link=name)
     link = ET.SubElement(robot, "link", name=name)
-    turned = [part._replace(rpy=(0.0, 0.0, 1.2)) for part in ROTOR_LOWER[:3]]
-    for part in (*FUSELAGE, *turned, *ROTOR_UPPER, *STABILISER):
+    lower = [part._replace(rpy=(0.0, 0.0, 1.2)) for part in ROTOR_LOWER[:3]]
+    for part in (*FUSELAGE, *lower, *ROTOR_UPPER, *STABILISER):
         visual = ET.SubElement(link, "visual")
         ET.SubElement(visual, "origin", xyz=_text(part.centre), rpy=_text(part.rpy))
         geometry = ET.SubElement(visual, "geometry")

@@ -1,4 +1,4 @@
-"""The contract as people read it: the README's table of topics, made from the `.proto` file and the schema."""
+"""The README's table of topics, made from the `.proto` file and the schema."""
 
 import re
 from collections.abc import Iterator
@@ -15,20 +15,20 @@ ABOUT = {
     "/view/error_and_input": "position: truth minus reference of x y z (world, m) and yaw (rad); velocity: the same of"
     " vx vy vz (yaw frame, m/s) and yaw rate (rad/s); effort: the inputs; thinned out",
 }
-"""What topics say whose message types are not ours."""
+"""Descriptions of the topics whose message types are not defined in `flight.proto`."""
 
 
 class Field(NamedTuple):
-    """One field of one of our messages."""
+    """One field of one message type in `flight.proto`."""
 
     message: str
     name: str
     comment: str
-    """Unit and, of a vector, frame."""
+    """Unit, and the frame of a vector."""
 
 
 def fields() -> Iterator[Field]:
-    """Every field of the `.proto` file in order."""
+    """Each field of the `.proto` file, in order."""
     text = proto().decode()
     for message, body in re.findall(r"^message (\w+) \{\n(.*?)^\}", text, re.MULTILINE | re.DOTALL):
         for name, comment in re.findall(r"^  \w+ \w+ (\w+) = \d+; *(?:// (.*))?$", body, re.MULTILINE):
@@ -36,7 +36,7 @@ def fields() -> Iterator[Field]:
 
 
 def about() -> dict[str, str]:
-    """What each topic says, one sentence."""
+    """One sentence for each topic."""
     comments = re.findall(r"^// Topic (/\S+): ((?:.*\n)(?:// (?!Topic ).*\n)*)", proto().decode(), re.MULTILINE)
     return ABOUT | {topic: text.replace("\n// ", " ").strip().removesuffix(".") for topic, text in comments}
 

@@ -1,4 +1,4 @@
-"""The recorder: every wire of the flight, as it happens, into one MCAP file."""
+"""The recorder: writes every signal of a flight to one MCAP file while it is flown."""
 
 import hashlib
 from collections import defaultdict
@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from foxglove_schemas_protobuf.Log_pb2 import Log as LogMessage
 
 from controllers.signals import Array, Command, Estimate, Plan, Pose, QpReport, Reference
 from heli_twin.lab.plant import Air, Battery, Truth
 from heli_twin.recording.derived_topics import Timed, Viewers, timestamp
+from heli_twin.recording.foxglove import LogMessage
 from heli_twin.recording.growing_file import LogFile
-from heli_twin.recording.log import Attachment, Log
+from heli_twin.recording.log import ORIGIN_KEY, Attachment, Log, OutcomeKind
 from heli_twin.recording.mcap_stream import McapStream
 from heli_twin.recording.reader import read_log
 from heli_twin.recording.schema import (
@@ -23,10 +23,11 @@ from heli_twin.recording.schema import (
     LAYOUTS,
     PROTO,
     QP_STATUS,
-    SEVERITY,
+    SEVERITIES,
     TIMING,
     TOPICS,
     LogError,
+    Severity,
     code,
     plan_layout,
     proto,
@@ -34,27 +35,29 @@ from heli_twin.recording.schema import (
 )
 from heli_twin.whole_file import uninterrupted
 
-FLUSH_PERIOD = 500_000_000
-"""Simulated ns between two writes to the file: what a crash can lose."""
+FLUSH_PERIOD_NS = 500_000_000
+"""Simulated time between two writes to the file: a crash loses no more than this."""
 CHUNK_SIZE = 256 * 1024
-"""Bytes in one chunk at most."""
+"""Largest chunk, bytes."""
 
 LIBRARY = "heli_twin"
-"""What wrote the file, in its header."""
+"""Name of the writing program in the file's header."""
 
 Listener = Callable[[str, int, bytes], None]
-"""Takes the topic, log time (ns) and bytes of every message, at every flush; must neither block nor raise."""
+"""Called with the topic, log time (ns) and bytes of every message, at every flush; must neither block nor raise."""
 
 
 class Recorder:
-    """Writes one flight, wire by wire; a method for each, its first argument the simulated time in ns.
+    """Writes one flight, with one method for each topic; the first argument is the simulated time in ns.
 
-    What it is given must not change any more: it is packed at the next flush. Between two control steps, whose
-    matrices have pushed everything else out of the processor's caches, the same work would take twice as long.
+    Arrays that are handed over must not change afterwards: they are packed at the next flush, which takes half the time
+    of packing them between two control steps, where the processor's caches hold other data.
 
-    A flight always records: without a path into memory, so that metrics come from the same log either way. The file
-    is called `NAME.mcap.part` until `close`. If it cannot be written any more the log goes on in memory, `path` becomes
-    None and `trouble` says why; the flight, its digest and its metrics are what they would have been.
+    Every flight is recorded, without a path in memory, so that metrics always come from a log. The file is called
+    `NAME.mcap.part` until `close`. If it cannot be written any more, the log goes on in memory, `path` becomes None and
+    `trouble` gives the reason; the flight, its digest and its metrics stay the same.
+
+    When its `with` block raises, an aborted flight is closed and kept; an import or a resolve is removed.
     """
 
     def __init__(
@@ -66,12 +69,12 @@ class Recorder:
         attachments: Sequence[Attachment] = (),
         listeners: Sequence[Listener] = (),
     ) -> None:
-        """Open the log and write what is known before the flight.
+        """Open the log and write the experiment, the metadata and the attachments.
 
         Args:
-            path: Where the log shall be when the flight is over, `.../NAME.mcap`; None keeps it in memory.
-            experiment: What determines the flight, canonical JSON.
-            metadata: Versions, platform, commit, wall-clock start: what may differ for the same experiment.
+            path: Path of the finished log, `.../NAME.mcap`; None keeps it in memory.
+            experiment: The experiment as canonical JSON.
+            metadata: Facts that do not determine the flight: versions, platform, commit, wall-clock start.
             attachments: Files to keep with the flight.
             listeners: Called with every message.
 
@@ -80,13 +83,14 @@ class Recorder:
         """
         self.listeners = listeners
         self._closed = False
+        self._is_flight = ORIGIN_KEY not in (metadata or {})
         self._time = 0
-        self._flush_due = FLUSH_PERIOD
+        self._flush_due = FLUSH_PERIOD_NS
         self._hash = hashlib.sha256(experiment.encode())
         self._waiting: list[tuple[str, int, Iterable[Any] | bytes]] = []
-        """Topic, time and values, or the whole message, of what is not packed yet."""
+        """Not packed yet: topic, time, and values or the whole message."""
         self._measured: list[tuple[int, tuple[int, int]]] = []
-        """Time and values of what is not packed yet of the one topic that is not hashed."""
+        """Not packed yet, of the topic that is not hashed: time and values."""
         self._file: LogFile | BytesIO = BytesIO() if path is None else LogFile(path, lambda: self._time)
         self._mcap = McapStream(self._file, library=LIBRARY, chunk_size=CHUNK_SIZE)
         self._mcap.metadata("heli_twin", {"format": str(FORMAT)})
@@ -103,59 +107,59 @@ class Recorder:
         self._hash.update(self._write([self._viewers.description()]))
 
     def truth(self, t: int, truth: Truth) -> None:
-        """What the helicopter does."""
+        """Record the true state of the helicopter."""
         self._put("/truth", t, truth)
 
     def pose(self, t: int, pose: Pose) -> None:
-        """What the motion capture says, at its arrival."""
+        """Record a pose of the motion capture, at its arrival."""
         self._put("/mocap/pose", t, pose)
 
     def estimate(self, t: int, estimate: Estimate) -> None:
-        """What the estimator believes."""
+        """Record the estimate."""
         self._put("/estimate", t, estimate)
 
     def reference(self, t: int, reference: Reference) -> None:
-        """Where the helicopter should be: the first row of the planned flight."""
+        """Record the first row of the planned flight."""
         self._put("/reference", t, (reference.stamp, reference.x[0], reference.u[0]))
 
     def reference_path(self, t: int, points: Array) -> None:
-        """The whole path to fly, (n, 3) world, m, for the eye; once, or again when it changes."""
+        """Record the whole reference path, (n, 3) world, m, for viewers; again when it changes."""
         self._put(*self._viewers.reference_path(t, points))
 
     def sent(self, t: int, command: Command) -> None:
-        """What the controller asks for; its plan and report are wires of their own."""
+        """Record the input that the controller sends; its plan and report have their own topics."""
         self._put("/command/sent", t, command[:2])
 
     def acting(self, t: int, u: Array, stamp: int = -1) -> None:
-        """The input (4,) in force at the helicopter from now on, and when it was decided (-1: by no controller)."""
+        """Record the input (4,) in force at the helicopter from now on; `stamp` is -1 if no controller decided it."""
         self._put("/command/acting", t, (stamp, u))
 
     def plan(self, t: int, plan: Plan) -> None:
-        """What the controller expects; the horizon stays the same within a flight."""
+        """Record the controller's plan; the horizon stays the same within a flight."""
         if self._viewers.plan is None:
             self._viewers.plan = self._layouts["/mpc/plan"] = plan_layout(len(plan.u))
         self._put("/mpc/plan", t, plan)
 
     def qp(self, t: int, report: QpReport) -> None:
-        """How the control problem was solved."""
+        """Record how the control problem was solved."""
         self._put("/mpc/qp", t, (code(QP_STATUS, report.status, "QP status"), *report[1:]))
 
     def disturbance(self, t: int, air: Air) -> None:
-        """What the surroundings do to the helicopter until told otherwise."""
+        """Record the wind and other disturbances from now on."""
         self._put("/disturbance", t, air)
 
     def battery(self, t: int, battery: Battery) -> None:
-        """What the battery gives."""
+        """Record the state of the battery."""
         self._put("/battery", t, battery)
 
-    def event(self, t: int, severity: str, name: str, text: str) -> None:
-        """Something worth telling a person; severity is debug, info, warning, error or fatal."""
-        level: Any = code(SEVERITY, severity, "severity")
+    def event(self, t: int, severity: Severity, name: str, text: str) -> None:
+        """Record something that a person wants to know."""
+        level: Any = code(SEVERITIES, severity, "severity")
         message = LogMessage(timestamp=timestamp(t), level=level, name=name, message=text)
         self._put("/events", t, message.SerializeToString())
 
     def timing(self, t: int, control_step_ns: int, solve_ns: int) -> None:
-        """Measured times; the only message that is not part of the digest."""
+        """Record measured times; the only message that is not part of the digest."""
         self._measured.append((t, (control_step_ns, solve_ns)))
 
     @property
@@ -165,32 +169,33 @@ class Recorder:
         return self._hash.hexdigest()
 
     @uninterrupted()
-    def close(self, outcome: str, t: int, **ending: str) -> None:
-        """Write how the flight ended, and when (ns), and give the file its name; later calls do nothing.
+    def close(self, outcome: OutcomeKind, t: int, text: str = "", error: str = "") -> None:
+        """Write how the flight ended and give the file its name; later calls do nothing.
 
         Args:
-            outcome: One word: landed, crashed, ...
+            outcome: How the flight ended.
             t: Simulated end, ns.
-            ending: Anything else to keep, such as measured totals.
+            text: The same in one sentence.
+            error: The exception that aborted the flight.
         """
         if self._closed:
             return
         self._closed = True
         self._flush()
-        ends = {"outcome": outcome, "time": str(t), "digest": self.digest, **ending}
-        self._mcap.metadata("end", sealed(ends))
+        ending = {"outcome": outcome, "time": str(t), "digest": self.digest, "text": text, "error": error}
+        self._mcap.metadata("end", sealed({key: value for key, value in ending.items() if value}))
         self._mcap.finish()
         if isinstance(self._file, LogFile):
             self._file.finish()
 
     @property
     def path(self) -> Path | None:
-        """Where the log is or will be; None if it is in memory only."""
+        """The path of the log, finished or not; None if it is in memory only."""
         return self._file.path if isinstance(self._file, LogFile) and self._file.memory is None else None
 
     @property
     def trouble(self) -> str:
-        """Why there is no file although one was wanted, one sentence; empty if all is well."""
+        """The reason why a requested file cannot be written, one sentence; else empty."""
         return self._file.trouble if isinstance(self._file, LogFile) else ""
 
     @property
@@ -208,13 +213,18 @@ class Recorder:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if self._closed:
             return
+        if error is not None and not self._is_flight:
+            self._closed = True
+            if isinstance(self._file, LogFile):
+                self._file.discard()
+            return
         self.close("aborted", self._time, error=repr(error) if error else "")
         if error is not None and self.path is not None:
             error.add_note(f"the log until then is {self.path}")
 
     def _put(self, topic: str, t: int, values: Iterable[Any] | bytes) -> None:
         if t >= self._flush_due:
-            self._flush_due = (t // FLUSH_PERIOD + 1) * FLUSH_PERIOD
+            self._flush_due = (t // FLUSH_PERIOD_NS + 1) * FLUSH_PERIOD_NS
             self._flush()
         self._waiting.append((topic, t, values))
         self._time = t
@@ -230,7 +240,7 @@ class Recorder:
         for topic, _, values in waiting:
             if type(values) is not bytes:
                 rows[topic].append(values)
-        # A number that a float32 cannot hold is an infinity there.
+        # A number beyond the range of float32 becomes infinite.
         with np.errstate(over="ignore"):
             packed = {topic: iter(self._layouts[topic].pack(values)) for topic, values in rows.items()}
         messages = [
@@ -243,7 +253,7 @@ class Recorder:
         self._hash.update(self._write([*self._viewers.messages(messages)]))
 
     def _write(self, messages: Sequence[Timed]) -> bytes:
-        """Write messages to the file and tell the listeners; returns them as they stand in the file."""
+        """Write messages to the file, pass them to the listeners, and return their bytes in the file."""
         channels = self._channels
         written = self._mcap.messages([(channels[topic], t, data) for topic, t, data in messages])
         for listener in self.listeners:

@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any
 
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.tree import instead
+from heli_twin.foreign_text import instead
 from heli_twin.metrics.measures import measures
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log
@@ -23,9 +23,8 @@ MEASURED_COLUMNS = (
 
 def columns(log: Log, experiment: Experiment) -> dict[str, Any]:
     """The row of a flight: its outcome, its metrics by dotted name, its provenance. Plain values, no NaN."""
-    period = experiment.controller.period
-    row: dict[str, Any] = {"outcome": log.outcome, "outcome_text": log.ending.get("text", "")}
-    row |= flat(metrics(log)) | flat(measures(log, period, deadline=period)) | {"outcome": log.outcome}
+    row: dict[str, Any] = {"outcome": log.outcome, "outcome_text": log.ending.text}
+    row |= flat(metrics(log)) | flat(measures(log, experiment.controller)) | {"outcome": log.outcome}
     row["flown"] = row.pop("duration", None)
     row["digest"] = log.digest
     about = log.metadata

@@ -12,7 +12,8 @@ from annotated_types import Ge, Gt, Le, MinLen, doc
 from controllers.markers import OneOf
 from heli_twin.experiment.families import members
 from heli_twin.experiment.text import assignment
-from heli_twin.experiment.tree import ExperimentError, Tree, instead, spec_of
+from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
+from heli_twin.foreign_text import instead
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError

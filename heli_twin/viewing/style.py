@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from heli_twin.recording.shape import FUSELAGE, RED, ROTOR_LOWER, ROTOR_UPPER, STABILISER, Part
+from heli_twin.recording.shape import FUSELAGE, RED, ROTOR_LOWER, ROTOR_UPPER, STABILISER, Primitive
 
 FLOWN, WANTED, PLANNED, BELIEVED, SEEN = 0x4FA3FFFF, 0xD8DCE3FF, 0xFFA62BFF, 0x4CD4A5FF, 0xC58BFFFF
 LIMIT, AXES, YAW = 0xFF5A5FFF, (0xFF6B6BFF, 0x7BD389FF, 0x5AA9FFFF), 0xFFD166FF
@@ -132,7 +132,7 @@ def _series(source: Source) -> Iterator[tuple[str, Sequence[Series]]]:
     yield "air/thrust", [("thrust", FLOWN, 1.5)]
 
 
-def _send_parts(stream: rr.RecordingStream, path: str, parts: Sequence[Part]) -> None:
+def _send_parts(stream: rr.RecordingStream, path: str, parts: Sequence[Primitive]) -> None:
     """Draw primitives, all of one kind together."""
     spheres, cylinders, boxes = (
         [part for part in parts if part.kind == kind] for kind in ("sphere", "cylinder", "box")

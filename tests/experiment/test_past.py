@@ -14,10 +14,10 @@ from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.past import PAST, PHYSICS_VERSION, Past
 from heli_twin.experiment.text import load
 from heli_twin.experiment.tree import ExperimentError, canonical_json, from_json, parsed, toml_of, tree_of
-from heli_twin.logbook import flown_experiment, opened, physics_notice, physics_version, provenance
+from heli_twin.logbook import flown_experiment, physics_notice, physics_version, provenance
 from heli_twin.metrics.tracking import metrics
 from heli_twin.reanalysis.refly import refly
-from heli_twin.recording import Log
+from heli_twin.recording import Log, read_log
 from heli_twin.studies.space import varied
 
 LOGS = sorted((Path(__file__).parent / "past").glob("physics*.mcap"))
@@ -57,7 +57,7 @@ def test_the_table_names_fields_that_there_are() -> None:
 
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
 def test_a_log_of_an_older_version_still_flies(path: Path) -> None:
-    log = opened(path)
+    log = read_log(path)
     version = int(path.stem.removeprefix("physics"))
     assert physics_version(log) == version
     assert metrics(log)["outcome"] == "completed"

@@ -14,7 +14,7 @@ from heli_twin.flight import Flight, verdict
 from heli_twin.lab.chance import generator
 from heli_twin.lab.plant import STILL_AIR
 from heli_twin.lab.plant.mujoco import MuJoCo
-from heli_twin.metrics.tracking import SETTLING, tracking_error
+from heli_twin.metrics.tracking import SETTLING_S, tracking_error
 from heli_twin.mission import Result
 from heli_twin.recording.schema import TIMING, WIRES
 
@@ -283,7 +283,7 @@ def test_roll_forward_keeps_the_heading_from_swinging():
     on, off = (
         flown("lab", *slow, "estimator.command_delay=0.03", f"estimator.roll_forward={b}") for b in ("true", "false")
     )
-    swings = [np.ptp(tracking_error(result.log, SETTLING).error[:, 3]) for result in (on, off)]
+    swings = [np.ptp(tracking_error(result.log, SETTLING_S).error[:, 3]) for result in (on, off)]
     assert swings[0] < np.radians(3)
     assert swings[1] > 3 * swings[0]
 

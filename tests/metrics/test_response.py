@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from heli_twin.metrics.response import BAND, MAX_LAG, overshoot, phase_lag, settling_time
+from heli_twin.metrics.response import MAX_LAG_S, SETTLED_BAND_M, overshoot, phase_lag, settling_time
 from heli_twin.reporting.words import metric
 
 PERIOD = 0.02
@@ -49,7 +49,7 @@ def test_noise_moves_the_lag_little():
         (np.ones(1001), 1.0 + 0.002 * np.sin(7 * TIME)),
         (0.3 * TIME, 0.3 * (TIME - 0.2)),
         (0.1 * np.sin(2 * np.pi * TIME), 0.1 * np.sin(2 * np.pi * (TIME - 0.2))),
-        (circle(TIME), circle(TIME - MAX_LAG - 0.3)),
+        (circle(TIME), circle(TIME - MAX_LAG_S - 0.3)),
         (circle(TIME[:140]), circle(TIME[:140] - 0.2)),
         (np.zeros(0), np.zeros(0)),
     ],
@@ -62,15 +62,15 @@ def test_where_no_lag_can_be_told_there_is_none(reference, flown):
 def test_a_decaying_error_has_settled_when_it_is_within_the_band():
     slow = 1.7
     # At the next sample.
-    assert settling_time(TIME, np.exp(-TIME / slow)) == pytest.approx(slow * np.log(1 / BAND), abs=PERIOD)
+    assert settling_time(TIME, np.exp(-TIME / slow)) == pytest.approx(slow * np.log(1 / SETTLED_BAND_M), abs=PERIOD)
 
 
 def test_only_what_stays_has_settled():
     distance = np.zeros(1001)
     assert settling_time(TIME, distance) == 0.0
-    distance[500] = 2 * BAND
+    distance[500] = 2 * SETTLED_BAND_M
     assert settling_time(TIME, distance) == pytest.approx(TIME[501], abs=1e-12)
-    distance[-1] = 2 * BAND
+    distance[-1] = 2 * SETTLED_BAND_M
     assert settling_time(TIME, distance) is None
     distance[-1] = np.nan
     assert settling_time(TIME, distance) is None

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from controllers.signals import QpReport, Reference
 from heli_twin.lab.plant import Truth
-from heli_twin.metrics.tracking import SETTLING, metrics, tracking_error
+from heli_twin.metrics.tracking import SETTLING_S, metrics, tracking_error
 from heli_twin.recording import Recorder, read_log
 
 MS = 1_000_000
@@ -40,7 +40,7 @@ def log_of(error, planned=None, *, outcome="completed", reports=(), took=(), pat
 def test_the_errors_are_the_truth_minus_the_reference(rows):
     error = np.array(rows)
     planned = np.random.default_rng(0).uniform(-5, 5, error.shape)
-    settled = round(SETTLING * 1e9) // PERIOD
+    settled = round(SETTLING_S * 1e9) // PERIOD
     before = np.full((settled, 4), 1e3)
     found = metrics(log_of(np.vstack([before, error]), np.vstack([np.zeros((settled, 4)), planned])))
     for i, axis in enumerate(("x", "y", "z", "yaw")):
@@ -51,13 +51,13 @@ def test_the_errors_are_the_truth_minus_the_reference(rows):
 
 
 def test_the_first_seconds_do_not_count_and_it_is_said_so():
-    samples = round(2 * SETTLING * 1e9) // PERIOD
+    samples = round(2 * SETTLING_S * 1e9) // PERIOD
     error = np.zeros((samples, 4))
-    error[round(SETTLING * 1e9) // PERIOD - 1] = 1.0
+    error[round(SETTLING_S * 1e9) // PERIOD - 1] = 1.0
     found = metrics(log_of(error))
-    assert found["settling"] == SETTLING == 2.0
+    assert found["settling"] == SETTLING_S == 2.0
     assert found["max_abs_error"] == dict.fromkeys(("x", "y", "z", "yaw"), 0.0)
-    error[round(SETTLING * 1e9) // PERIOD] = 1.0
+    error[round(SETTLING_S * 1e9) // PERIOD] = 1.0
     assert metrics(log_of(error))["max_abs_error"] == dict.fromkeys(("x", "y", "z", "yaw"), 1.0)
 
 

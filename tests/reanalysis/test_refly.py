@@ -10,7 +10,7 @@ import pytest
 from heli_twin import HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.commands.refly import judge
-from heli_twin.logbook import ORIGIN, flown_experiment
+from heli_twin.logbook import flown_experiment
 from heli_twin.reanalysis.refly import first_difference, refly
 from heli_twin.recording import Log, recover
 from heli_twin.recording.log import Messages
@@ -117,7 +117,7 @@ def test_a_recovered_log_is_compared_as_far_as_it_goes(pid_flight: Path, tmp_pat
 @pytest.mark.parametrize("origin", ["import", "resolve"])
 def test_what_was_not_flown_is_not_flown_again(pid_flight: Path, origin: str) -> None:
     with pytest.raises(HeliTwinError, match="log"):
-        refly(replace(read_log(pid_flight), metadata={ORIGIN: origin}))
+        refly(replace(read_log(pid_flight), metadata={"origin": origin}))
 
 
 def test_an_experiment_of_another_version_is_refused_in_one_sentence(pid_flight: Path) -> None:

@@ -22,7 +22,7 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from controllers.signals import Pose
-from heli_twin.recording import LogError, Recorder, read_log, recover
+from heli_twin.recording import Ending, LogError, Recorder, read_log, recover
 from heli_twin.recording.mcap_stream import McapStream
 from heli_twin.recording.schema import FORMAT, TIMING
 
@@ -98,13 +98,13 @@ def test_an_independent_decoder_finds_the_same_values(record: Record) -> None:
 def test_the_file_gets_its_name_at_the_end(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "new" / "run.mcap")
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["run.mcap.part"]
-    recorder.close("landed", 0)
-    recorder.close("landed", 0)
+    recorder.close("completed", 0)
+    recorder.close("completed", 0)
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["run.mcap"]
 
 
 def test_a_log_is_never_overwritten(tmp_path: Path) -> None:
-    Recorder(tmp_path / "run.mcap").close("landed", 0)
+    Recorder(tmp_path / "run.mcap").close("completed", 0)
     with pytest.raises(LogError, match=r"run\.mcap exists already"):
         Recorder(tmp_path / "run.mcap")
 
@@ -114,14 +114,14 @@ def test_a_flight_that_raises_leaves_an_aborted_log(tmp_path: Path) -> None:
         recorder.pose(30, POSE)
         raise ZeroDivisionError("oh")
     log = read_log(tmp_path / "run.mcap")
-    assert (log.outcome, log.ending["time"], log.ending["error"]) == ("aborted", "30", "ZeroDivisionError('oh')")
+    assert (log.outcome, log.ending.time, log.ending.error) == ("aborted", 30, "ZeroDivisionError('oh')")
 
 
 def test_listeners_get_every_message() -> None:
     heard = []
     recorder = Recorder(listeners=[lambda *message: heard.append(message)])
     recorder.pose(30, POSE)
-    recorder.close("landed", 30)
+    recorder.close("completed", 30)
     assert [(topic, t) for topic, t, _ in heard] == [("/robot_description", 0), ("/mocap/pose", 30), ("/tf", 30)]
     assert heard[1][2] == recorder.log().messages["/mocap/pose"].data[0]
 
@@ -156,7 +156,7 @@ def test_a_full_disk_is_told_once_and_loses_nothing_written(tmp_path: Path) -> N
     recorder = Recorder(tmp_path / "run.mcap")
     with disk_of(100_000):
         _record_poses(recorder, rng)
-        recorder.close("landed", 10**10)
+        recorder.close("completed", 10**10)
     assert [path.name for path in tmp_path.iterdir()] == ["run.mcap.part"]
     assert len(read_log(recover(tmp_path / "run.mcap.part")).pose.time) >= 500
 
@@ -189,7 +189,7 @@ def test_kill_9_loses_at_most_half_a_second(tmp_path: Path) -> None:
     assert recover(part) == path
     log = read_log(path)
     assert log.pose.time[-1] >= KILLED_AT - 500_000_000
-    assert (log.experiment, log.outcome, log.ending["time"]) == ('{"seed":1}', "interrupted", str(log.pose.time[-1]))
+    assert (log.experiment, log.outcome, log.ending.time) == ('{"seed":1}', "interrupted", log.pose.time[-1])
 
 
 # --- what is read may be anything
@@ -239,8 +239,8 @@ def test_what_is_recovered_is_true(whole: Path, tmp_path: Path, data: st.DataObj
         assert all(message in found for message in left), f"{topic} is not a part of what it was, in its order"
     assert log.metadata in ({}, good.metadata)
     last = max((messages.times[-1] for messages in log.messages.values() if len(messages.times)), default=0)
-    lost = {"outcome": "interrupted", "time": str(last), "recovered": "yes"}
-    assert log.ending in (lost, {**good.ending, "recovered": "yes"})
+    lost = Ending("interrupted", last, recovered=True)
+    assert log.ending in (lost, good.ending._replace(recovered=True))
 
 
 @st.composite
@@ -291,7 +291,7 @@ def test_one_damaged_chunk_costs_only_itself(whole: Path, tmp_path: Path) -> Non
     path.write_bytes(_flipped(whole, 0.75, 3))
     log = read_log(recover(path))
     assert 0 < len(log.truth.time) < len(read_log(whole).truth.time)
-    assert (log.outcome, log.ending["recovered"]) == ("landed", "yes")
+    assert (log.outcome, log.ending.recovered) == ("completed", True)
 
 
 def test_what_is_not_a_flight_cannot_be_recovered(tmp_path: Path) -> None:

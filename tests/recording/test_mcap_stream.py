@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
-from heli_twin.recording.mcap_stream import LEVEL, McapStream
+from heli_twin.recording.mcap_stream import ZSTD_LEVEL, McapStream
 
 CHANNELS = [
     ("/a", "protobuf", "A", "protobuf", b"schema"),
@@ -20,7 +20,7 @@ MESSAGES = st.lists(st.tuples(st.integers(1, 3), st.integers(0, 2**63), st.binar
 
 @given(st.lists(MESSAGES, max_size=4), st.sampled_from([50, 1000, 100_000]))
 def test_bytes_are_those_of_the_library(batches: list[list[tuple[int, int, bytes]]], chunk_size: int) -> None:
-    with patch("mcap.writer.zstandard.compress", zstandard.ZstdCompressor(level=LEVEL).compress):
+    with patch("mcap.writer.zstandard.compress", zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress):
         assert _ours(batches, chunk_size) == _theirs(batches, chunk_size)
 
 
