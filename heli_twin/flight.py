@@ -143,7 +143,7 @@ class Flight:
             began = perf_counter_ns()
             command = self.controller.step(t, estimate, order.reference)
             took = perf_counter_ns() - began
-            command = self.controller.explain(command)
+            command = order.applied(self.controller.explain(command))
         else:
             command = safe_hover(self.experiment.controller.model, t)
         self.estimator.command_sent(t, command.u)

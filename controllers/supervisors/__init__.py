@@ -29,7 +29,17 @@ class Order(NamedTuple):
     """For the controller, from the estimate's stamp on; None before the first estimate."""
     command: Command | None = None
     """Sent instead of the controller's."""
+    thrust: float | None = None
+    """Input u_z to send instead of the controller's, with its other inputs."""
     event: Event | None = None
+
+    def applied(self, command: Command) -> Command:
+        """Return the controller's command with the ordered thrust."""
+        if self.thrust is None:
+            return command
+        u = command.u.copy()
+        u[2] = self.thrust
+        return command._replace(u=u)
 
 
 class Supervisor(Protocol):

@@ -184,13 +184,16 @@ class SafetySupervisor:
         return self._standing_since is not None and now - self._standing_since >= nanoseconds(spec.settle)
 
     def _way_down(self, now: int, estimate: Estimate | None, plan: Reference) -> Order:
-        """Hover where it stopped or, landing, descend from there; without a solver or an estimate, level."""
+        """Hover where it stopped or, landing, descend from there; without a solver or an estimate, level.
+
+        The thrust of the descent is decided here: a law without feed-forward would lag behind and hit the floor.
+        """
         reference = hold(self._model, plan.stamp, len(plan.u), self._place)
         if self.phase == "landing":
             reference = descend(reference, self._model, self._descent, self._speed, self._period)
             self._place[2], self._speed = reference.x[1, 2], float(reference.x[1, 6])
         self._has_solver &= 1e-9 * (now - self._solved_at) <= self._spec.solver_timeout
-        if estimate is not None and self._has_solver:
+        if estimate is not None and self._has_solver and self.phase == "levelling":
             return Order(reference)
         u = np.array(self._model.u_hover)
         u[2] = reference.u[0, 2]
@@ -198,7 +201,10 @@ class SafetySupervisor:
             # Critically damped at 3 rad/s.
             z, speed = reference.x[0, 2] - estimate.x[2], reference.x[0, 6] - estimate.x[6]
             u[2] += float(9.0 * z + 6.0 * speed) / self._model.b_z
-        return Order(command=Command(now, np.clip(u, self._model.u_min, self._model.u_max)))
+        u = np.clip(u, self._model.u_min, self._model.u_max)
+        if estimate is not None and self._has_solver:
+            return Order(reference, thrust=float(u[2]))
+        return Order(command=Command(now, u))
 
     def _on_the_floor(self, now: int) -> Command:
         """Start the motors, up to nine tenths of what lifts, or stop them."""

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from controllers.laws import Controller
+from controllers.laws import Controller, safe_hover
 from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
 from controllers.reference import ReferencePreview
-from controllers.signals import Array, Command, Estimate, Pose, Reference, nanoseconds
+from controllers.signals import Array, Command, Estimate, Pose, QpReport, Reference, nanoseconds
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import changed
@@ -125,13 +125,27 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
     preview = ReferencePreview(
         experiment.trajectory, law.model, nanoseconds(law.period), nanoseconds(experiment.estimator.lead)
     )
+    supervisor = experiment.supervisor.start(law.model, law.period)
+    statuses = dict(zip(log.qp.time.tolist(), log.qp.status.tolist(), strict=True))
+    sent = dict(zip(log.sent.time.tolist(), log.sent.u, strict=True))
     plans = {int(t): i for i, t in enumerate(log.plan.time)}
     for t, stamp, x, disturbance, variance, pose_stamp, rejected in zip(*log.estimate, strict=True):
         estimate = Estimate(int(stamp), x, disturbance, variance, int(pose_stamp), int(rejected))
         if int(t) in plans:
             _linearise_along(controller, law, log.plan.u_nominal[plans[int(t)]])
         try:
-            yield controller.explain(controller.step(int(t), estimate, preview(estimate.stamp, law.steps)))
+            if (known := int(np.searchsorted(log.battery.time, t, side="right"))) > 0:
+                supervisor.battery(float(log.battery.voltage[known - 1]))
+            order = supervisor.order(int(t), estimate, preview(estimate.stamp, law.steps))
+            if order.command or not order.reference:
+                yield order.command or safe_hover(law.model, int(t))
+            else:
+                command = controller.step(int(t), estimate, order.reference)
+                yield order.applied(controller.explain(command))
+            # As it was in flight: the supervisor watches what was sent then.
+            status = statuses.get(int(t))
+            report = QpReport(status, 0, 0, 0.0, 0.0) if status else None
+            supervisor.sent(Command(int(t), sent.get(int(t), np.zeros(4)), qp=report))
         except (ArithmeticError, ValueError) as error:
             raise HeliTwinError(
                 f"the control problem at {1e-9 * t:.3f} s cannot be rebuilt from this log: {error}"

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from heli_twin import fly, load
+from heli_twin.reanalysis.resolve import resolve
 
 HOUR = 3600.0
 FIRST_LOST = 4.0
 
 
-def outage(trajectory, length, seed):
-    overrides = [f"trajectory={trajectory}", "supervisor=safety", "faults.pose_outage=on"]
+def outage(trajectory, length, seed, *words):
+    overrides = [*words, f"trajectory={trajectory}", "supervisor=safety", "faults.pose_outage=on"]
     # Another moment of the circle with every seed.
     start = FIRST_LOST + 0.37 * seed % 4
     experiment = load("lab", [*overrides, f"faults.pose_outage.start={start}", f"faults.pose_outage.duration={length}"])
@@ -68,6 +69,19 @@ def test_outages_of_any_length(trajectory):
             print(f"{trajectory} {length} s: median {100 * np.median(ways):.1f}, worst {100 * max(ways):.1f} cm")
             assert np.median(ways) < 0.2
             assert max(ways) < 0.5
+
+
+@pytest.mark.parametrize("law", ["controller=pid", "controller.terminal=riccati", "controller.coupling=full"])
+def test_any_law_lands_softly(law):
+    result = outage("circle", HOUR, 1, law)
+    assert result.outcome.kind == "landed"
+    assert landing(result.log)[1] < 0.9
+
+
+def test_the_problems_of_a_landing_are_solved_again_as_they_were():
+    log = outage("circle", HOUR, 0).log
+    again = resolve(log)
+    np.testing.assert_array_equal(np.array([command.u for command in again.commands]), again.flown)
 
 
 def test_a_takeoff_begins_and_a_landing_ends_on_the_floor_with_the_motors_off():
