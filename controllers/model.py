@@ -29,14 +29,14 @@ class Model:
     """
 
     b_x: Annotated[float, Gt(0), Unit("m/s^2"), doc("forward acceleration at full pitch stick")] = 2.0
-    k_x: Annotated[float, Le(0), Unit("1/s"), doc("forward drag")] = -0.5
+    k_x: Annotated[float, Ge(-100), Le(0), Unit("1/s"), doc("forward drag")] = -0.5
     b_y: Annotated[float, Gt(0), Unit("m/s^2"), doc("sideward acceleration at full roll stick")] = 2.1
-    k_y: Annotated[float, Le(0), Unit("1/s"), doc("sideward drag")] = -0.4
+    k_y: Annotated[float, Ge(-100), Le(0), Unit("1/s"), doc("sideward drag")] = -0.4
     b_z: Annotated[
         float, Gt(9.81), Unit("m/s^2"), doc("upward acceleration at full thrust, gravity not subtracted")
     ] = 18.0
     b_yaw: Annotated[float, Gt(0), Unit("rad/s^2"), doc("yaw acceleration at full yaw stick")] = 111.0
-    k_yaw: Annotated[float, Le(0), Unit("1/s"), doc("yaw damping")] = -5.0
+    k_yaw: Annotated[float, Ge(-1000), Le(0), Unit("1/s"), doc("yaw damping")] = -5.0
     vx_max: Annotated[float, Gt(0), Unit("m/s"), doc("forward speed limit (28)")] = 3.0
     vy_max: Annotated[float, Gt(0), Unit("m/s"), doc("sideward speed limit (28)")] = 3.0
     vz_max: Annotated[float, Gt(0), Unit("m/s"), doc("vertical speed limit (28)")] = 2.0

@@ -81,8 +81,9 @@ class Flight:
 
     def run(self) -> Outcome:
         """Fly to the end of the experiment, or until the flight is over."""
-        # More threads add numbers in another order.
-        with threadpool_limits(limits=1):
+        # More threads add numbers in another order. Overflow gives non-finite numbers: the ground station then sends a
+        # safe hover, and a helicopter whose state is non-finite has diverged.
+        with threadpool_limits(limits=1), np.errstate(all="ignore"):
             return self._run()
 
     def _run(self) -> Outcome:

@@ -47,7 +47,9 @@ def check_size(value: Any) -> None:
 
 
 LARGEST = 1e12
-"""Numbers of an experiment are smaller than this in any of its units, so that their squares and products are finite."""
+"""Largest size of a number of an experiment, in its unit: squares and products of such numbers are finite."""
+SMALLEST = 1e-30
+"""Smallest size of a number of an experiment that is not 0, in its unit: its inverse is finite."""
 DEEPEST = 40
 """Levels of tables and lists; an experiment has about eight."""
 
@@ -76,12 +78,8 @@ def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
         raise ExperimentError(f"{path} has an integer of more than 64 bits; {_default(info, spec, path)}")
     if any(isinstance(v, float) and not math.isfinite(v) for v in _leaves_of(value)):
         raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a finite number; {_default(info, spec, path)}")
-    if any(isinstance(v, float) and abs(v) > LARGEST for v in _leaves_of(value)):
-        raise ExperimentError(
-            f"{path} = {reprlib.repr(value)}: it must be at most {LARGEST:g}; {_default(info, spec, path)}"
-        )
     try:
-        return info.adapter.validate_json(json.dumps(value, default=str), strict=True)
+        checked = info.adapter.validate_json(json.dumps(value, default=str), strict=True)
     except ValidationError as errors:
         error = errors.errors()[0]
         where = path + "".join(f"[{i}]" for i in error["loc"])
@@ -94,6 +92,11 @@ def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
         raise ExperimentError(
             f"{where} = {reprlib.repr(error['input'])}: {message}; {_default(info, spec, path)}"
         ) from None
+    sizes = [abs(v) for v in _leaves_of(value) if isinstance(v, float | int) and info.type is not int]
+    if any(size > LARGEST or 0 < size < SMALLEST for size in sizes):
+        limit = f"at most {LARGEST:g}" if max(sizes) > LARGEST else f"0 or at least {SMALLEST:g} in size"
+        raise ExperimentError(f"{path} = {reprlib.repr(value)}: it must be {limit}; {_default(info, spec, path)}")
+    return checked
 
 
 def _leaves_of(value: Any) -> Iterator[Any]:

@@ -10,6 +10,7 @@ from heli_twin.experiment import Experiment
 from heli_twin.experiment.differences import differences, fly_words
 from heli_twin.experiment.text import changed, load
 from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of, from_json, toml_of, tree_of
+from heli_twin.experiment.values import SMALLEST
 from heli_twin.lab.chance import generator
 from heli_twin.lab.disturbances.bias import Bias
 from heli_twin.lab.disturbances.gust import Gust
@@ -112,9 +113,10 @@ def test_objects_without_a_name_are_refused_in_one_sentence(disturbances) -> Non
 
 
 names = st.sampled_from(["second", "a", "gust_2", "bias_2", "x-1"])
-disturbance = st.builds(Bias, x=st.floats(-1, 1)) | st.builds(Gust, strength=st.floats(0, 1))
+number = st.just(0.0) | st.floats(SMALLEST, 1)
+disturbance = st.builds(Bias, x=number) | st.builds(Gust, strength=number)
 several = st.lists(disturbance | st.builds(Named, names, disturbance), max_size=4)
-faults = st.lists(st.builds(PoseOutage, start=st.floats(0, 9)) | st.builds(PoseNan), max_size=3)
+faults = st.lists(st.builds(PoseOutage, start=number) | st.builds(PoseNan), max_size=3)
 
 
 @given(several, faults, st.integers(0, 3))

@@ -15,6 +15,7 @@ from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.text import load, presets, put
 from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of, from_json, toml_of, tree_of
+from heli_twin.experiment.values import LARGEST, SMALLEST
 from heli_twin.mission import checked
 
 FAMILIES = {name: part.family.package for name, part in fields_of(Experiment).items() if part.family}
@@ -57,13 +58,11 @@ def allowed(part):
         return st.integers(schema.get("minimum", -(10**6)), schema.get("maximum", 10**6))
     low, high = (schema.get(k, schema.get(f"exclusive{k.capitalize()}")) for k in ("minimum", "maximum"))
     return st.floats(
-        low,
-        high,
-        allow_nan=False,
-        allow_infinity=False,
+        -LARGEST if low is None else low,
+        LARGEST if high is None else high,
         exclude_min="exclusiveMinimum" in schema,
         exclude_max="exclusiveMaximum" in schema,
-    )
+    ).filter(lambda value: value == 0.0 or abs(value) >= SMALLEST)
 
 
 def forbidden(part):

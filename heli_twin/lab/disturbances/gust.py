@@ -5,7 +5,7 @@ from math import exp, sqrt
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Unit, doc
+from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.signals import Array
 from heli_twin.lab.disturbances import PERIOD_NS
@@ -21,8 +21,8 @@ class Gust:
     """
 
     kind: Literal["gust"] = "gust"
-    strength: Annotated[float, Ge(0), Unit("m/s"), doc("standard deviation of the wind along each axis")] = 0.25
-    time: Annotated[float, Gt(0), Unit("s"), doc("time in which the wind changes")] = 0.7
+    strength: Annotated[float, Ge(0), Le(100), Unit("m/s"), doc("standard deviation of the wind on each axis")] = 0.25
+    time: Annotated[float, Gt(0), Le(1000), Unit("s"), doc("time in which the wind changes")] = 0.7
 
     def start(self, rng: np.random.Generator) -> "GustInFlight":
         """Start the wind of one flight."""

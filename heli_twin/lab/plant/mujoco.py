@@ -274,9 +274,9 @@ def engine() -> Any:
     """MuJoCo, loaded on first use. Its wheel carries no types."""
     import mujoco
 
-    # Left alone, it writes a file into the working directory when a flight diverges.
+    # When a flight diverges, the outcome says so; MuJoCo would also print, and write a file into the working directory.
     log = mujoco.MjLogConfig.get()  # pyright: ignore[reportAttributeAccessIssue]
-    log.logto_file = False
+    log.logto_file = log.logto_console = False
     log.set()
     return mujoco
 
