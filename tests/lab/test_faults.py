@@ -311,3 +311,8 @@ def test_a_gyro_works_only_if_no_fault_breaks_it():
     faults = Faults([Hooks(gyro=lambda t: True), Hooks(gyro=lambda t: False), Hooks(gyro=lambda t: True)])
     faults.input(0, U, helicopter.truth(), helicopter)
     assert not helicopter.gyro_works
+
+
+def test_a_rate_that_is_next_to_nothing_is_never():
+    for rate in (5e-324, 1e-300, 1e-9):
+        assert Spells(PoseOutage(start=0.0, rate=rate), rng()).began(3600 * 1000 * MS) is None

@@ -194,8 +194,12 @@ class Twin:
             yaw=yaw,
             yaw_rate=r,
             actuators=self._data.act.copy(),
-            touching=self._data.ncon > 0,
+            touching=self._touching(),
         )
+
+    def _touching(self) -> bool:
+        contact = self._data.contact
+        return self._data.ncon > 0 and bool((contact.geom != self._physics.loose_geom).all(axis=1).any())
 
     def advance(self, until: int, u: Array, air: Air) -> None:
         """Fly on to `until` (ns) with the input (4,) held; it is clipped to the travel of the sticks.

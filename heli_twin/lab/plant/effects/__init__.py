@@ -29,6 +29,8 @@ class Physics:
         self.thrust = 1.0
         """Thrust as a fraction of what the throttle gives without effects; set to 1 before every update."""
         self.battery: Battery | None = None
+        self.loose_geom = -1
+        """Number of a geom that is not a part of the helicopter although it moves; -1 if there is none."""
 
 
 class Updates(NamedTuple):

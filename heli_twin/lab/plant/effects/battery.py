@@ -63,9 +63,9 @@ class BatteryInFlight:
     def discharge(self, physics: Physics) -> None:
         """Draw the current of the coming period."""
         spec = self._spec
-        # The load is the thrust per weight; at the start, that of hovering.
-        load = max(float(physics.data.act[2]), 0.0) * self._factor / self._hover if self._factor else 1.0
-        current = spec.idle_current + spec.hover_current * load**1.5
+        # At the start, the thrust of the trim that all effects together need.
+        thrust = max(float(physics.data.act[2]), 0.0) * self._factor if self._factor else float(physics.trim[2])
+        current = spec.idle_current + spec.hover_current * (thrust / self._hover) ** 1.5
         voltage = max(open_voltage(self._charge) - spec.resistance * current, 0.0)
         self._cut = self._cut or voltage <= spec.cut_off
         self._factor = (voltage / self._nominal) ** 1.6 * (1.0 - spec.cut_off_loss * self._cut)

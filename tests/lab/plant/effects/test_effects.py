@@ -12,6 +12,7 @@ from heli_twin.lab.plant.effects.battery import BatterySpec, open_voltage
 from heli_twin.lab.plant.effects.cog_offset import CogOffset
 from heli_twin.lab.plant.effects.ground_effect import GroundEffect
 from heli_twin.lab.plant.effects.hub_drag import HubDrag
+from heli_twin.lab.plant.effects.payload import Payload
 from heli_twin.lab.plant.effects.rotor_speed import RotorSpeed
 from heli_twin.lab.plant.effects.servo import Servo
 from heli_twin.lab.plant.effects.spool_up import SpoolUp
@@ -71,9 +72,10 @@ class TestEveryEffect:
         """Its trim holds the helicopter still: for half a second even a battery hardly sags."""
         plant = twin(FAMILY[kind](), x=at(1.0, yaw=0.6))
         plant.advance(500 * MS, trim_of(plant), STILL_AIR)
-        # A full battery loses 1e-4 of its charge, hence 2e-4 of the thrust, in half a second: 0.2 mm. Others: rounding.
+        # A full battery loses 1e-3 of its charge, hence 6e-4 of the thrust, in half a second: 0.8 mm.
+        # A string stretches by a micrometre. Others: rounding.
         np.testing.assert_allclose(
-            physical_state(plant.truth()), at(1.0, yaw=0.6), atol=2e-3 if kind == "battery" else 1e-9
+            physical_state(plant.truth()), at(1.0, yaw=0.6), atol={"battery": 2e-3, "payload": 1e-5}.get(kind, 1e-9)
         )
 
     def test_changes_a_flight_and_the_same_way_each_time(self, kind):
@@ -309,6 +311,54 @@ def test_without_effects_nothing_changes():
 def test_two_effects_of_one_kind_are_refused():
     with pytest.raises(ValueError, match="two of the kind 'hub_drag'"):
         MuJoCo(effects=(HubDrag(), HubDrag(height=0.03)))
+
+
+# --- payload ----------------------------------------------------------------------------------------------------------
+
+
+def heights(spec, seconds=3.0):
+    """Height every 100 ms of a flight at the throttle it begins with."""
+    plant, out = twin(spec, x=at(5.0)), []
+    u = trim_of(plant)
+    for k in range(1, round(10 * seconds) + 1):
+        plant.advance(k * 100 * MS, u, STILL_AIR)
+        out.append(plant.truth().position[2])
+    return np.array(out)
+
+
+@pytest.mark.parametrize("string", [0.0, 0.3])
+def test_a_payload_is_carried_from_pick_up_to_drop(string):
+    carried = heights(Payload(string=string))
+    # The string stretches by its softness, below a millimetre, and swings no further.
+    np.testing.assert_allclose(carried, 5.0, atol=2e-3)
+    dropped = heights(Payload(string=string, drop=1.0))
+    np.testing.assert_allclose(dropped[:10], 5.0, atol=2e-3)
+    # Then thrust is too much for what is left: 2 / 28 of g.
+    assert dropped[-1] - 5.0 == pytest.approx(0.5 * GRAVITY * 2 / 28 * 2.0**2, rel=0.02)
+    taken = heights(Payload(string=string, pick_up=1.0))
+    assert taken[9] == pytest.approx(5.0, abs=1e-9)
+    assert taken[-1] - 5.0 == pytest.approx(-0.5 * GRAVITY * 2 / 30 * 2.0**2, rel=0.02)
+
+
+def test_a_payload_swings_as_a_pendulum():
+    plant = twin(Payload(mass=1e-4, string=0.5), x=at(20.0, vx=0.3))
+    # The helicopter is 280 times heavier: let it stand still, and the payload swings under it.
+    data = plant._data
+    data.qvel[0] = 0.0
+    swing = []
+    for k in range(1, 301):
+        plant.advance(k * 10 * MS, trim_of(plant), STILL_AIR)
+        swing.append(data.qpos[-3] - data.qpos[0])
+    crossings = np.flatnonzero(np.diff(np.sign(swing)) < 0)
+    # 4 degrees of swing make it 0.1 % slower; crossings are read to 10 ms.
+    assert np.diff(crossings)[0] * 0.01 == pytest.approx(2 * np.pi * np.sqrt(0.5 / GRAVITY), abs=0.02)
+
+
+def test_a_dropped_payload_on_the_floor_is_not_the_helicopter_touching():
+    plant = twin(Payload(drop=0.1))
+    plant.advance(2 * SECOND, HOVER, STILL_AIR)
+    assert plant._data.ncon > 0
+    assert not plant.truth().touching
 
 
 # --- stabiliser bar and spool-up --------------------------------------------------------------------------------------
