@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
 from io import BytesIO
+from math import floor
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ import numpy as np
 
 from controllers.errors import InfeasibleTrajectory
 from controllers.flatness import state
+from controllers.model import GRAVITY
 from controllers.proxqp import BUILD_TROUBLE
 from controllers.reference import check_feasible
 from controllers.signals import nanoseconds
@@ -22,6 +24,7 @@ from heli_twin.experiment.objects import validated
 from heli_twin.experiment.tree import ExperimentError, tree_of
 from heli_twin.flight import Flight, Outcome
 from heli_twin.lab.plant import Plant
+from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.logbook import begin_log, planned_path
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log, LogExistsError, Recorder, read_log
@@ -101,12 +104,31 @@ def fly(
     with recorder, closing(pictures) if pictures else nullcontext():
         recorder.reference_path(0, planned_path(experiment))
         began = perf_counter()
-        outcome = Flight(experiment, plant, recorder, progress).run()
+        outcome = _explained(Flight(experiment, plant, recorder, progress).run(), experiment)
         took = perf_counter() - began
         recorder.close(outcome.kind, outcome.time, text=outcome.text)
     data = recorder.stream.getvalue() if recorder.stream else None
     factor = 1e-9 * outcome.time / took
     return Result(experiment, outcome, recorder.path, recorder.digest, factor, data, recorder.trouble, BUILD_TROUBLE)
+
+
+def _explained(outcome: Outcome, experiment: Experiment) -> Outcome:
+    """The outcome; if the flight failed and the helicopter was too heavy to hover, its text says so.
+
+    Such a flight is not refused: a study of mismatches may sweep the mass.
+    """
+    plant, u_max = experiment.plant, experiment.controller.model.u_z_max
+    if outcome.kind == "completed" or not isinstance(plant, MuJoCo):
+        return outcome
+    needed, most = GRAVITY * plant.mass, u_max * plant.thrust_gain
+    if needed <= most:
+        return outcome
+    # Rounded down, so that the mass in the text does hover.
+    heaviest = floor(1e5 * most / GRAVITY) / 1e5
+    return outcome._replace(
+        text=f"{outcome.text}; it is too heavy to hover: plant.mass = {plant.mass:g} kg weighs {needed:.4g} N, its"
+        f" largest thrust is {most:.4g} N (plant.thrust_gain at u_z_max), which carries {heaviest:g} kg"
+    )
 
 
 def checked(experiment: Experiment) -> Experiment:

@@ -95,10 +95,12 @@ def toml(tuned: "Tuned", command_line: str) -> str:
         tuned: The result.
         command_line: Tunes it again.
     """
+    from heli_twin.experiment.tree import physics_line
     from heli_twin.tuning.record import comment
 
     lines = [f"{name} = {json.dumps(value)}" for name, value in tuned.table().items()]
-    return "\n".join([comment({"command": command_line} | tuned.record()), "", "[controller]", *lines, ""])
+    record = comment({"command": command_line} | tuned.record())
+    return "\n".join([record, "", physics_line(), "", "[controller]", *lines, ""])
 
 
 def show(tuned: "Tuned", text: str, saved: Path | None) -> None:

@@ -196,8 +196,12 @@ def from_json(text: str) -> Experiment:
 
 def toml_of(experiment: Experiment) -> str:
     """An experiment as a TOML file that teaches: every field with its unit and what it means."""
-    version = f"{f'physics = {PHYSICS_VERSION}':<32}  # version: fields that come later get what describes it"
-    return "\n".join([version, *_toml(experiment, "")]).strip() + "\n"
+    return "\n".join([physics_line(), *_toml(experiment, "")]).strip() + "\n"
+
+
+def physics_line() -> str:
+    """Today's physics version as the first line of a TOML file with an experiment or a part of one."""
+    return f"{f'physics = {PHYSICS_VERSION}':<32}  # version: fields that come later get what describes it"
 
 
 def _toml(spec: Any, here: str) -> Iterator[str]:

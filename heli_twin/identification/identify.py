@@ -8,6 +8,7 @@ Source: Kunz, Huck, Summers, ECC 2013, section on identification, (27).
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from heli_twin.experiment.tree import physics_line
 from heli_twin.identification.data import Stretch, stretches
 from heli_twin.identification.fit import NEEDS, REMEDY, AxisFit, IdentificationError, Parameter, fit_axis
 from heli_twin.recording import Log
@@ -44,7 +45,7 @@ class Identified(NamedTuple):
 
     def as_toml(self) -> str:
         """A table for `heli-twin fly`: a file of its own, or `controller.model=FILE.toml`."""
-        lines = ["# identified from flight logs; 95 % intervals behind", "[controller.model]"]
+        lines = ["# identified from flight logs; 95 % intervals behind", physics_line(), "", "[controller.model]"]
         for name, p in self.parameters.items():
             # The model (1) has no negative damping: an estimate of zero damping may come out on either side of 0.
             value = min(p.value, 0.0) if name.startswith("k") else p.value
