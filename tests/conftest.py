@@ -1,4 +1,5 @@
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
@@ -8,6 +9,8 @@ from hypothesis import settings
 from scipy.optimize import nnls
 from threadpoolctl import threadpool_limits
 
+from controllers.model import Model
+from heli_twin.experiment.past import PAST, PHYSICS_VERSION, Past
 from heli_twin.studies.study import Study, study_of
 
 pytest_plugins = ["plausible_flight"]
@@ -18,6 +21,22 @@ settings.load_profile("ci")
 threadpool_limits(1)
 # Worker processes load what they run by its name.
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture
+def rise_version(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Raise the physics version and change a default: the believed limit of the yaw input."""
+
+    def rise() -> None:
+        for room in ("past", "text"):
+            monkeypatch.setattr(f"heli_twin.experiment.{room}.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+        past = Past(PHYSICS_VERSION + 1, Model().u_yaw_max, is_new=False)
+        monkeypatch.setitem(PAST, "controllers.model.Model.u_yaw_max", past)
+        *others, _ = Model.__init__.__defaults__ or ()
+        monkeypatch.setattr(Model.__init__, "__defaults__", (*others, 0.5))
+        assert Model().u_yaw_max == 0.5
+
+    return rise
 
 
 class QpSolver(Protocol):

@@ -3,7 +3,6 @@ import pytest
 from heli_twin.experiment.text import load
 from heli_twin.mission import Result, fly
 
-
 PUSHED_OUT = ["volume.half_width=0.501", "disturbances.bias.x=5"]
 
 

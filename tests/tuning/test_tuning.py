@@ -239,7 +239,7 @@ def test_a_pid_is_judged_with_doubled_gains_too():
     assert found.best.cost == dict.fromkeys(AXES, 2.5)
 
 
-def test_what_is_printed_flies(monkeypatch, tmp_path, capsys):
+def test_what_is_printed_flies(monkeypatch, tmp_path, capsys, rise_version):
     def run(work, items):
         if list(items) == list(AXES):
             return [Ultimate(a, 1.0, 1.0, 0.0) for a in AXES]
@@ -255,6 +255,9 @@ def test_what_is_printed_flies(monkeypatch, tmp_path, capsys):
         assert saved.period == 0.04
         assert load("ideal", [f"controller={file}"]).controller == saved
     assert load(str(tmp_path / "pid.toml")).controller.p_x == 0.6
+    as_saved = load(str(file))
+    rise_version()
+    assert load(str(file)) == load("lab", [f"controller={file}"]) == as_saved
 
 
 def test_a_budget_of_nothing_is_refused(capsys):
