@@ -38,7 +38,7 @@ class Verdict(NamedTuple):
 
     rule: str
     trouble: str
-    """Why it does not hold, one sentence; empty where it holds."""
+    """The reason why it does not hold, one sentence; empty where it holds."""
 
 
 def verdicts(family: str, spec: type) -> Iterator[Verdict]:

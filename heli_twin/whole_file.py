@@ -14,7 +14,7 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def part_of(path: Path) -> Path:
-    """Where a file grows until it is whole: `NAME.part`."""
+    """Return the path under which a file is written until it is complete: `NAME.part`."""
     return path.with_name(path.name + ".part")
 
 

@@ -95,7 +95,7 @@ def _doors(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "heli_twin.tuning.search.tune",
         "heli_twin.paper.write.write_paper",
         "heli_twin.studies.campaign.run_study",
-        "heli_twin.viewing.show.Flights.show",
+        "heli_twin.viewing.show.ShownFlights.show",
         "heli_twin.viewing.show.picture",
     ):
         monkeypatch.setattr(work, refuse)

@@ -12,7 +12,7 @@ from heli_twin.foreign_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.studies.campaign import StudyProgress
-    from heli_twin.studies.plan import Plan
+    from heli_twin.studies.plan import StudyPlan
     from heli_twin.studies.study import Study
     from heli_twin.workers.engine import Backend
 
@@ -119,11 +119,11 @@ def run_(parsed: Namespace) -> int:
     return 1 if {"killed", "hung", "error"} & count.failed.keys() else 0
 
 
-def _backend(parsed: Namespace) -> "Callable[[Plan, float], Backend]":
+def _backend(parsed: Namespace) -> "Callable[[StudyPlan, float], Backend]":
     from heli_twin.studies.campaign import embedded
     from heli_twin.studies.errors import StudyError
 
-    def here(plan: "Plan", timeout: float) -> "Backend":
+    def here(plan: "StudyPlan", timeout: float) -> "Backend":
         return embedded(plan, timeout, parsed.workers)
 
     if not parsed.scheduler:
@@ -133,7 +133,7 @@ def _backend(parsed: Namespace) -> "Callable[[Plan, float], Backend]":
     except ImportError:
         raise StudyError("--scheduler needs Dask: pip install 'heli-twin[cluster]'") from None
 
-    def there(plan: "Plan", timeout: float) -> "Backend":
+    def there(plan: "StudyPlan", timeout: float) -> "Backend":
         return DaskCluster(parsed.scheduler, timeout)
 
     return there

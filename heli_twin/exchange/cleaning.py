@@ -1,4 +1,4 @@
-"""What is wrong with a recording, one row at a time: found, counted, and left out."""
+"""Blemishes of a recording (lost frames, repeated times, half turns, ...): counted and left out."""
 
 from typing import NamedTuple
 

@@ -29,7 +29,7 @@ from heli_twin.recording.log import ORIGIN_KEY, Times
 
 
 class Reading(NamedTuple):
-    """How to read a recording, beyond what its file says of itself."""
+    """Instructions for reading a recording, beyond the contents of its file."""
 
     options: Options = Options()
     frame: str = ""
@@ -39,7 +39,7 @@ class Reading(NamedTuple):
     rate: float = 0.0
     """Hz, where the time column counts frames."""
     is_checked: bool = True
-    """Whether to refuse what no helicopter in a room can have left."""
+    """Refuse a recording that cannot be of a helicopter in a room."""
 
 
 AS_EXPORTED = Reading()

@@ -1,4 +1,4 @@
-"""Whether a recording can be a helicopter in a room: what gives away wrong axes, wrong units and mirrored axes."""
+"""Plausibility of a recording: wrong axes, wrong units and mirrored axes are recognised and refused."""
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def check_plausible(take: Take, recording: Clean, frame: str, unit: str, rate: f
         better = _better_frame(take, frame or take.frame, unit, rate)
         advice = f"say --frame {better}" if better else f"say --frame, one of {', '.join(FRAMES)}"
         raise ImportRefused(
-            f"its mean tilt is {np.degrees(tilt):.0f} deg and {100 * below:.0f} % of it is below the floor: the axes"
+            f"its mean tilt is {np.degrees(tilt):.0f} deg, and {100 * below:.0f} % of it is below the floor: the axes"
             f" are not {FRAMES[frame or take.frame].text}; {advice}"
         )
     _check_handedness(recording)

@@ -267,7 +267,7 @@ _MARKS = {name for needs in _NEEDS.values() for name in needs} - {"start"}
 
 
 def _fits(package: str, spec: type) -> bool:
-    """Whether a class has what its family needs, and no mark of another."""
+    """Return whether a class has the attributes of its family and none that mark another one."""
     names = {f.name for f in fields(spec)} | set(dir(spec))
     needs = _NEEDS.get(package)
     return all(name in names for name in needs) if needs else not names & _MARKS

@@ -1,4 +1,4 @@
-"""How long it takes to repeat a flight: a log is foreign, and hours of work have to be agreed to."""
+"""Estimated time to repeat a flight: a log is foreign, so hours of work need the user's agreement."""
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment

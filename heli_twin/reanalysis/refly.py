@@ -65,7 +65,7 @@ class Refly:
 
     @property
     def verdict(self) -> Verdict:
-        """How far the two flights agree."""
+        """Agreement of the two flights."""
         if self.difference is None:
             return "identical"
         near = self.position_deviation <= POSITION_TOLERANCE_M and self.yaw_deviation <= YAW_TOLERANCE_RAD

@@ -25,7 +25,7 @@ class Axis(Protocol):
         ...
 
     def count(self) -> int:
-        """How many levels there are, without making them; 0 for a distribution."""
+        """Return the number of levels without making them; 0 for a distribution."""
         ...
 
     def quantile(self, p: float) -> Any:

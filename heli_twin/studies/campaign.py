@@ -18,7 +18,7 @@ from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Point, Row
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.flight_code import changes_of, code_hash, code_parts, file_hash
-from heli_twin.studies.plan import Plan, PlannedFlight, plan_of
+from heli_twin.studies.plan import PlannedFlight, StudyPlan, plan_of
 from heli_twin.studies.resume import check_code
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_tree
@@ -50,7 +50,7 @@ def run_study(
     study: Study,
     out: Path,
     *,
-    backend: Callable[[Plan, float], Backend] | None = None,
+    backend: Callable[[StudyPlan, float], Backend] | None = None,
     watch: Callable[[StudyProgress], None] = lambda progress: None,
     again: bool = False,
     accept_old: bool = False,
@@ -91,14 +91,14 @@ def run_study(
     return campaign.progress
 
 
-def embedded(plan: Plan, timeout: float, processes: int | None = None) -> Backend:
+def embedded(plan: StudyPlan, timeout: float, processes: int | None = None) -> Backend:
     """A pool of processes on this machine; None for one on each core."""
     from heli_twin.workers.pebble_pool import PebblePool
 
     return PebblePool(processes, timeout)
 
 
-def time_allowed(plan: Plan) -> float:
+def time_allowed(plan: StudyPlan) -> float:
     """Return the time after which a flight counts as hung, s."""
     return plan.study.timeout or 60 + 5 * parsed(plan.space.base)["duration"]
 
@@ -108,7 +108,7 @@ class Campaign:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: StudyPlan,
         store: Store,
         out: Path,
         work: Work = fly_task,

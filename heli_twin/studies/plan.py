@@ -39,7 +39,7 @@ class PlannedFlight(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """A study that has been checked."""
 
     study: Study
@@ -91,7 +91,7 @@ class Plan:
             yield PlannedFlight(run_id(text), text, {**place, **shown, **point.labels}, changes)
 
 
-def plan_of(study: Study) -> Plan:
+def plan_of(study: Study) -> StudyPlan:
     """Check a study as far as can be without flying.
 
     Raises:
@@ -104,7 +104,7 @@ def plan_of(study: Study) -> Plan:
     axes = {path: axis_of(path, written) for path, written in study.axes.items()}
     alternatives, contrast = alternatives_of(study)
     swept = {path: axis for path, axis in axes.items() if path != contrast}
-    plan = Plan(study, Space(base, alternatives, swept, study.seeds, study.score, study.penalty), contrast)
+    plan = StudyPlan(study, Space(base, alternatives, swept, study.seeds, study.score, study.penalty), contrast)
     check_metrics((study.score, *study.metrics))
     if "seed" in swept:
         raise StudyError("the seed is no axis: `replicates` flies every point with the same seeds")

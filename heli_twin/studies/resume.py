@@ -4,11 +4,11 @@ from collections import Counter
 
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.flight_code import changes_of, code_parts, file_hash
-from heli_twin.studies.plan import Plan
+from heli_twin.studies.plan import StudyPlan
 from heli_twin.studies.store import Store
 
 
-def check_code(plan: Plan, store: Store, code: str, *, again: bool, accept_old: bool) -> None:
+def check_code(plan: StudyPlan, store: Store, code: str, *, again: bool, accept_old: bool) -> None:
     """Refuse to mix rows of other code with those of this code, and keep the parts that this code is made of.
 
     Args:

@@ -61,7 +61,7 @@ _MOVES: tuple[Point, ...] = (
     (0.0, 0.0, 1.0, 0.0),
 )
 MOVE_S, REST_S = 1.2, 2.8
-"""How long a move takes, and how long the helicopter rests before the next one."""
+"""Duration of a move, and of the rest before the next one."""
 
 Law = Pid | LtvMpc
 Gains = dict[str, dict[str, float]]

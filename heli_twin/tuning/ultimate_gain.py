@@ -51,7 +51,7 @@ class Kick(NamedTuple):
     move: float
     """Duration of the move, s."""
     watch: float
-    """How long the oscillation after the move is measured, s."""
+    """Duration of the measurement of the oscillation after the move, s."""
     start: float
     """First gain of the sweep, stick/m or stick/rad."""
 

@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class Destination(NamedTuple):
-    """Where pictures go: to a file or to a viewer on this machine."""
+    """The destination of pictures: a file, or a viewer on this machine."""
 
     file: Path | None = None
     """`NAME.rrd`."""

@@ -22,7 +22,7 @@ from heli_twin.viewing.viewer_process import picture
 from heli_twin.whole_file import write_whole
 
 VIEWER_PORT = 9876
-"""Where Rerun's viewer listens."""
+"""Port of Rerun's viewer."""
 
 
 def scales_of(experiment: Experiment) -> Scales:
@@ -44,7 +44,7 @@ def destination(where: str) -> Destination:
     raise HeliTwinError(f"'{where}' is no place for pictures: give spawn, connect, or a file that ends in .rrd")
 
 
-class Flights(NamedTuple):
+class ShownFlights(NamedTuple):
     """One or two flights to show, with what they need to be shown."""
 
     logs: Sequence[Log]
@@ -73,7 +73,7 @@ class Flights(NamedTuple):
             show(first.log, where, first.scales)
 
 
-def flights(paths: Sequence[Path]) -> Flights:
+def flights(paths: Sequence[Path]) -> ShownFlights:
     """Read logs to show.
 
     Raises:
@@ -81,7 +81,7 @@ def flights(paths: Sequence[Path]) -> Flights:
         ExperimentError: It was flown by another version, whose experiment this one does not know.
     """
     logs = [read_log(path) for path in paths]
-    return Flights(logs, [viewed_experiment(log) for log in logs], [path.name for path in paths])
+    return ShownFlights(logs, [viewed_experiment(log) for log in logs], [path.name for path in paths])
 
 
 def with_truth(log: Log) -> Log:
@@ -102,7 +102,7 @@ def with_truth(log: Log) -> Log:
     return replace(log, messages={**log.messages, "/truth": Messages(stamps.tolist(), data)})
 
 
-def snapshot(shown: Flights, file: Path, at: float | None, size: tuple[int, int]) -> None:
+def snapshot(shown: ShownFlights, file: Path, at: float | None, size: tuple[int, int]) -> None:
     """Write a picture of flights at one moment, without a screen.
 
     Args:

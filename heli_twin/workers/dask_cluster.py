@@ -20,9 +20,9 @@ from heli_twin.workers.pebble_pool import PebblePool
 from heli_twin.workers.task import Flown, Task
 
 CONNECT_TIMEOUT = "20s"
-"""How long to look for a scheduler."""
+"""Time to look for a scheduler."""
 PREPARE_TRIES = 5
-"""How often to address all workers at once, any of which may be about to die."""
+"""Attempts to address all workers at once, any of which may be about to die."""
 PREPARE_PAUSE_S = 1.0
 """Between two such tries."""
 

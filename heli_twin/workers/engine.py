@@ -9,15 +9,15 @@ from heli_twin.workers.task import Flown, Task
 RUNS_PER_WORKER = 3
 """Runs submitted per worker at one time: enough to keep it busy, few enough to lose little when it dies."""
 MAX_TRIES = 2
-"""How often a run is flown that brings no row back."""
+"""Attempts to fly a run that brings no row back."""
 POLL_PERIOD_S = 5.0
-"""How often to check whether workers have joined or left."""
+"""Time between two checks whether workers have joined or left."""
 
 Work = Callable[[Task], Flown]
 
 
 class Trouble(NamedTuple):
-    """Why a run brought no row back."""
+    """The reason why a run brought no row back."""
 
     outcome: Literal["killed", "hung", "error"]
     """`killed`: its process died; `hung`: it took too long; `error`: it raised an exception."""
@@ -29,7 +29,7 @@ class Backend(Protocol):
     """Flies runs in other processes. A context manager: leaving it stops the runs that are still flying."""
 
     def workers(self) -> int:
-        """How many runs can fly at the same time now."""
+        """Return the number of runs that can fly at the same time now."""
         ...
 
     def submit(self, work: Work, task: Task) -> "Future[Any]":

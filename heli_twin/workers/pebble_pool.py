@@ -95,13 +95,13 @@ class PebblePool:
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Return the number of cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def _begin_worker() -> None:
-    """What a worker process does first."""
+    """Prepare a worker process."""
     end_with_parent()
     threadpool_limits(limits=1)
 

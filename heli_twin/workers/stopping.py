@@ -1,4 +1,4 @@
-"""How commands and their worker processes end: on a signal, and when the process that they work for has died."""
+"""The end of commands and of their worker processes: on a signal, or when the process that they work for dies."""
 
 import multiprocessing
 import os

@@ -4,7 +4,7 @@ import pytest
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.studies.designs import Point
-from heli_twin.studies.plan import Plan, PlannedFlight, plan_of, run_id
+from heli_twin.studies.plan import PlannedFlight, StudyPlan, plan_of, run_id
 from heli_twin.studies.study import load_study, shipped, study_of
 
 SMALLEST = """
@@ -17,7 +17,7 @@ controller = [ { kind = "ltv_mpc" }, { kind = "pid" } ]
 """
 
 
-def runs_of(plan: Plan) -> list[PlannedFlight]:
+def runs_of(plan: StudyPlan) -> list[PlannedFlight]:
     return list(plan.runs(next(plan.batches())))
 
 

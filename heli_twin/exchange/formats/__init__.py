@@ -28,7 +28,7 @@ class ImportRefused(HeliTwinError):
 
 
 class Options(NamedTuple):
-    """What a user says of a recording beyond its file."""
+    """Choices of the user that the file does not contain."""
 
     body: str = ""
     """Name of the body to import; empty for the only one."""
@@ -74,7 +74,7 @@ class Format(Protocol):
     TITLE: str
 
     def recognises(self, head: list[str]) -> bool:
-        """Whether the first lines of a file are of this format."""
+        """Return whether the first lines of a file are of this format."""
         ...
 
     def read(self, path: Path, options: Options) -> Take:

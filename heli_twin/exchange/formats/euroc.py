@@ -13,7 +13,7 @@ COLUMNS = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
 
 
 def recognises(head: list[str]) -> bool:
-    """Whether the first line names EuRoC's columns."""
+    """Return whether the first line names EuRoC's columns."""
     first = head[0].replace(" ", "") if head else ""
     return first.startswith("#timestamp") and "p_" in first and "q_" in first
 

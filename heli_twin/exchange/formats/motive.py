@@ -21,7 +21,7 @@ _UNITS = {"millimeters": "mm", "centimeters": "cm", "meters": "m", "inches": "in
 
 
 def recognises(head: list[str]) -> bool:
-    """Whether the first line is Motive's."""
+    """Return whether the first line is Motive's."""
     return bool(head) and head[0].startswith("Format Version,")
 
 

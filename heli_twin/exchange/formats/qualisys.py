@@ -20,7 +20,7 @@ TITLE = "Qualisys 6D TSV"
 
 
 def recognises(head: list[str]) -> bool:
-    """Whether the header is Qualisys' and announces bodies."""
+    """Return whether the header is Qualisys' and announces bodies."""
     return any(line.startswith("DATA_INCLUDED\t6D") for line in head) or any(
         line.startswith("BODY_NAMES") for line in head
     )

@@ -26,7 +26,7 @@ _TF = "tf2_msgs/msg/TFMessage"
 
 
 def recognises(head: list[str]) -> bool:
-    """Whether the file begins as MCAP does."""
+    """Return whether the file begins as MCAP does."""
     return bool(head) and head[0].startswith("\N{REPLACEMENT CHARACTER}MCAP0")
 
 

@@ -20,12 +20,12 @@ from heli_twin.recording.log import Times
 TITLE = "table of columns"
 POSITION, QUATERNION, COMMANDS = ("x", "y", "z"), ("qw", "qx", "qy", "qz"), ("ux", "uy", "uz", "uyaw")
 FIELDS = ("time", "arrival", *POSITION, *QUATERNION, "yaw", *COMMANDS)
-"""What a column can be: s, m, unit quaternion body to world, rad, fraction of full stick."""
+"""The fields of a table: s, m, unit quaternion body to world, rad, fraction of full stick."""
 MAX_HEADER_ROWS = 60
 
 
 class Source(NamedTuple):
-    """Where a field comes from."""
+    """The column or the constant of a field."""
 
     column: str = ""
     """Name, or number from 1 on; empty for a constant."""

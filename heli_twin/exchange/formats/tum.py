@@ -15,7 +15,7 @@ COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 def recognises(head: list[str]) -> bool:
-    """Whether every line but comments is eight numbers."""
+    """Return whether every line except comments is eight numbers."""
     rows = [line.split() for line in head if line.strip() and not line.startswith("#")]
     return bool(rows) and all(len(row) == 8 and all(map(_is_number, row)) for row in rows)
 

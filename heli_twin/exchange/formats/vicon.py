@@ -22,7 +22,7 @@ SECTIONS = ("Objects", "Segments", "Global Segments")
 
 
 def recognises(head: list[str]) -> bool:
-    """Whether a title, a rate and Vicon's components stand at the beginning."""
+    """Return whether the file begins with a title, a rate and Vicon's components."""
     return len(head) > 3 and head[0].strip(" ,\t") in SECTIONS and "Sub Frame" in head[3]
 
 

@@ -11,7 +11,7 @@ from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Space
 
 Origin = Literal["search", "random"]
-"""Whether a point comes from the search or from the random baseline."""
+"""The origin of a point: the search or the random baseline."""
 
 
 @dataclass(frozen=True, slots=True)
