@@ -129,7 +129,7 @@ def test_the_picture_tells_what_differs(record: Record) -> None:
     text = document(runs, [("plant.mass", "0.028", "0.031")])
     assert text.splitlines()[2:] == [
         "| file | a.mcap | b/c.mcap |",
-        "| outcome | landed | landed |",
+        "| outcome | completed | completed |",
         "| positions by | truth | truth |",
         "| plant.mass | 0.028 | 0.031 |",
     ]
