@@ -70,7 +70,7 @@ class SafetySupervisor:
         self._has_begun = False
         self._place = np.zeros(4)
         self._speed = 0.0
-        self._voltage = float("inf")
+        self._voltage, self._optimises = float("inf"), False
         self._solved_at, self._has_solver = 0, True
         self._standing_since: int | None = None
         self._thrust = 0.0
@@ -97,6 +97,7 @@ class SafetySupervisor:
     def sent(self, command: Command) -> None:
         """Take note of the thrust, and of how the control problem was solved; a law without a QP solves all."""
         self._thrust = float(command.u[2])
+        self._optimises |= command.qp is not None and command.qp.status not in UNSOLVED
         if command.qp is None or command.qp.status not in UNSOLVED:
             self._solved_at = command.stamp
 
@@ -191,14 +192,14 @@ class SafetySupervisor:
     def _way_down(self, now: int, estimate: Estimate | None, plan: Reference) -> Order:
         """Hover where it stopped or, landing, descend from there; without a solver or an estimate, level.
 
-        The thrust of the descent is decided here: a law without feed-forward would lag behind and hit the floor.
+        A law that does not optimise looks at the present only and would hit the floor: here its thrust is decided.
         """
         reference = hold(self._model, plan.stamp, len(plan.u), self._place)
         if self.phase == "landing":
             reference = descend(reference, self._model, self._descent, self._speed, self._period)
             self._place[2], self._speed = reference.x[1, 2], float(reference.x[1, 6])
         self._has_solver &= 1e-9 * (now - self._solved_at) <= self._spec.solver_timeout
-        if estimate is not None and self._has_solver and self.phase == "levelling":
+        if estimate is not None and self._has_solver and (self._optimises or self.phase == "levelling"):
             return Order(reference)
         u = np.array(self._model.u_hover)
         u[2] = reference.u[0, 2]
