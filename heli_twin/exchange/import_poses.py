@@ -21,7 +21,7 @@ from heli_twin.exchange.formats import Format, ImportRefused, Options, Take, for
 from heli_twin.exchange.frames import FRAMES, LENGTH_UNITS_M
 from heli_twin.exchange.plausibility import check_plausible
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.text import load
+from heli_twin.experiment.text import assignment, load
 from heli_twin.foreign_text import instead
 from heli_twin.logbook import begin_log, planned_path
 from heli_twin.recording import LogError, Recorder
@@ -73,7 +73,7 @@ def import_poses(path: Path, out: Path, reading: Reading = AS_EXPORTED, override
     Raises:
         HeliTwinError: The file cannot be imported or the log cannot be written.
     """
-    fields = {text.partition("=")[0].strip().split(".")[0] for text in overrides}
+    fields = {assignment(text)[0].split(".")[0] for text in overrides}
     if out.suffix != ".mcap":
         raise LogError(f"the log cannot be called {out}: give it a name that ends in .mcap")
     if "duration" in fields:

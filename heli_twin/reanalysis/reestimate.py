@@ -20,7 +20,7 @@ from controllers.rotations import rotate_to_world, wrap_angle
 from controllers.signals import Array, Estimate, Pose, nanoseconds
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.text import changed
+from heli_twin.experiment.text import assignment, changed
 from heli_twin.logbook import flown_experiment
 from heli_twin.recording import Log
 from heli_twin.recording.log import Estimates, Times, Truths
@@ -100,7 +100,7 @@ def reestimate(log: Log, overrides: Sequence[str] = ()) -> Reestimation:
         HeliTwinError: The log has no poses, or an override belongs to another part.
     """
     for text in overrides:
-        path = text.partition("=")[0].strip()
+        path, _ = assignment(text, "path=value, such as estimator.gate=20")
         if path.split(".")[0] != "estimator" and not path.startswith("controller.model."):
             raise HeliTwinError(f"{path} does not belong to the estimator: change estimator.* or controller.model.*")
     experiment = changed(flown_experiment(log), overrides)

@@ -22,7 +22,7 @@ from controllers.reference import ReferencePreview
 from controllers.signals import Array, Command, Estimate, Pose, QpReport, Reference, nanoseconds
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.text import changed
+from heli_twin.experiment.text import assignment, changed
 from heli_twin.lab.plant import Air, Truth
 from heli_twin.logbook import begin_log, flown_experiment
 from heli_twin.recording import Log, LogError
@@ -98,10 +98,7 @@ def resolved_experiment(log: Log, overrides: Sequence[str] = ()) -> Experiment:
     if not len(log.estimate.time):
         raise HeliTwinError("the log has no estimates: there is no control problem to solve again")
     changeable = ("controller",) if len(log.reference.time) else ("controller", "trajectory")
-    word = next((text for text in overrides if "=" not in text), None)
-    if word is not None:
-        raise HeliTwinError(f"'{word}' is no change: write path=value, such as controller.horizon=12")
-    paths = [text.partition("=")[0].strip() for text in overrides]
+    paths = [assignment(text, "path=value, such as controller.horizon=12")[0] for text in overrides]
     other = next((path for path in paths if path.split(".")[0] not in changeable), None)
     if other is not None:
         raise HeliTwinError(
