@@ -1,4 +1,4 @@
-"""From an experiment to a result: check it, fly it, keep its log, measure it."""
+"""Flies an experiment: checks it, flies it, keeps its log and computes its metrics."""
 
 from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, nullcontext
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from heli_twin.viewing.live import Live
 
 MEASURED = ("/truth", "/reference", "/mpc/qp", "/timing")
-"""The topics that metrics are computed from; a long log is not held in memory for them."""
+"""Topics that the metrics are computed from; a summary reads these alone, so that a long log needs little memory."""
 
 
 @dataclass(frozen=True)
@@ -45,29 +45,29 @@ class Result:
     experiment: Experiment
     outcome: Outcome
     path: Path | None
-    """Where the log is, if it was kept in a file."""
+    """Path of the log; None if it is in memory."""
     flight_digest: str
     """Hash of the experiment and of every recorded message but the measured times."""
     real_time_factor: float
-    """Simulated over measured time of the flight, recording included."""
+    """Simulated time divided by measured time of the flight, recording included."""
     data: bytes | None = field(default=None, repr=False)
-    """The log as a file's bytes, if it was kept in memory."""
+    """Content of the log; None if it is in a file."""
     log_trouble: str = ""
-    """Why no log was kept although one was wanted, one sentence; the flight and its metrics are whole all the same."""
+    """One sentence that says why the log file could not be written, or empty; the flight is complete anyway."""
 
     solver_trouble: str = ""
-    """Why the digest may not be repeatable on this machine, one sentence: see `controllers.proxqp.BUILD_TROUBLE`."""
+    """Why the digest may differ in other processes, one sentence, or empty: `controllers.proxqp.BUILD_TROUBLE`."""
 
     @cached_property
     def log(self) -> Log:
-        """Everything that was recorded, read back when it is asked for."""
+        """Everything that was recorded; it is read at the first use."""
         return self._read()
 
     def _read(self, topics: Collection[str] | None = None) -> Log:
         return read_log(self.path or BytesIO(self.data or b""), topics)
 
     def summary(self) -> dict[str, Any]:
-        """The result as `heli-twin fly --json` prints it."""
+        """Return the result as `heli-twin fly --json` prints it."""
         return metrics(self._read(MEASURED)) | {
             "outcome_text": self.outcome.text,
             "real_time_factor": self.real_time_factor,
@@ -88,14 +88,18 @@ def fly(
     """Fly one experiment.
 
     Args:
-        experiment: What to fly; it is validated like one from a file.
-        log_dir: Folder for the log, made if need be; None keeps the log in memory.
-        rerun: Where to stream the flight: `spawn`, `connect`, or a `.rrd` file; None for nowhere.
-        progress: Told the simulated time, s, at every control step.
+        experiment: The flight; it is validated like one from a file.
+        log_dir: Folder for the log, created if it does not exist; None keeps the log in memory.
+        rerun: Rerun viewer or file that shows the flight: `spawn`, `connect`, or a path that ends in `.rrd`; None for
+            no pictures.
+        progress: Called with the simulated time, s, at every control step.
+
+    Returns:
+        The outcome and the log. A crash is an outcome and raises nothing.
 
     Raises:
         ExperimentError: The experiment cannot be flown; the message names the field.
-        LogError: The log cannot be started; one that cannot go on later is told in the result.
+        LogError: The log cannot be started; for one that fails later, see `Result.log_trouble`.
     """
     experiment = checked(experiment)
     plant = _start(experiment)
@@ -113,9 +117,9 @@ def fly(
 
 
 def _explained(outcome: Outcome, experiment: Experiment) -> Outcome:
-    """The outcome; if the flight failed and the helicopter was too heavy to hover, its text says so.
+    """Return the outcome; if the flight failed and the helicopter was too heavy to hover, the text says so.
 
-    Such a flight is not refused: a study of mismatches may sweep the mass.
+    Such a flight is not refused, because a study may sweep the mass.
     """
     plant, u_max = experiment.plant, experiment.controller.model.u_z_max
     if outcome.kind == "completed" or not isinstance(plant, MuJoCo):
@@ -132,7 +136,13 @@ def _explained(outcome: Outcome, experiment: Experiment) -> Outcome:
 
 
 def checked(experiment: Experiment) -> Experiment:
-    """An experiment whose fields are valid by themselves and together.
+    """Return an experiment after a check of each field and of fields that must fit together.
+
+    Args:
+        experiment: From text or made in Python.
+
+    Returns:
+        The same experiment with Python's values in place of NumPy's.
 
     Raises:
         ExperimentError: One sentence that names the field, its value and the limit.
@@ -155,7 +165,7 @@ def checked(experiment: Experiment) -> Experiment:
             f" (9.81 m/s^2 / b_z), the limit u_z_max is {model.u_max[2]:.4g}"
         )
     try:
-        # Numbers near the largest overflow: what comes out is non-finite, and that is refused.
+        # Large numbers overflow; a non-finite trajectory is refused.
         with np.errstate(all="ignore"):
             check_feasible(e.trajectory, model, e.duration, e.controller.period)
     except InfeasibleTrajectory as error:
@@ -170,7 +180,7 @@ def checked(experiment: Experiment) -> Experiment:
 
 
 def _start(experiment: Experiment) -> Plant:
-    """The helicopter at the first point of its trajectory."""
+    """Return the helicopter at the first point of its trajectory."""
     try:
         return experiment.plant.start(state(experiment.trajectory.flat(np.zeros(1)))[0])
     except ValueError as error:
@@ -178,7 +188,7 @@ def _start(experiment: Experiment) -> Plant:
 
 
 def _pictures(experiment: Experiment, rerun: str | None) -> "Live | None":
-    """A viewer that follows the flight; Rerun is imported only now."""
+    """Return the pictures of the flight in Rerun, which is imported only here; None without `rerun`."""
     if rerun is None:
         return None
     from heli_twin.viewing.live import Live
@@ -190,7 +200,7 @@ def _pictures(experiment: Experiment, rerun: str | None) -> "Live | None":
 def _begin_log(
     folder: Path | str | None, experiment: Experiment, plant: Plant, listeners: Sequence[Listener]
 ) -> Recorder:
-    """A log under a name that tells what was flown, and that no flight in another process takes at the same time."""
+    """Begin a log with a name of time, kinds and seed that no other process uses at the same time."""
     kinds = [tree_of(experiment)[part]["kind"] for part in ("plant", "trajectory", "controller")]
     stem = "-".join([datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), *kinds, f"seed{experiment.seed}"])
     while True:
@@ -198,5 +208,5 @@ def _begin_log(
         try:
             return begin_log(path, experiment, mjcf=plant.description(), listeners=listeners)
         except LogExistsError:
-            # Another flight took the name after `free_path` had looked: the next one is tried.
+            # Another process took the name since `free_path` returned it: try the next one.
             continue

@@ -1,4 +1,4 @@
-"""In which fields two experiments differ, and the shortest command that flies one of them."""
+"""The fields in which two experiments differ, and the shortest command that flies an experiment."""
 
 import json
 import reprlib
@@ -21,17 +21,17 @@ class Change(NamedTuple):
     before: Any
     after: Any
     is_member: bool = False
-    """Whether another member of a family stands there: the values are its kinds, or `on` or `off`."""
+    """True if a member of a family is replaced, added or removed: the values are kinds, `on` or `off`."""
 
 
 def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
-    """Every field in which `after` differs from `before`: its overrides, in an order in which they can be applied.
+    """Yield the overrides that make `after` of `before`, in an order in which they can be applied.
 
-    A part of another kind is told by its kind, and then compared with that kind's defaults.
+    If a part has another kind, its kind comes first, then the fields that differ from that kind's default values.
 
     Args:
-        before: A tree of plain values.
-        after: Another one.
+        before: Tree of an experiment or of one part.
+        after: Tree of the same class.
         here: Dotted path of both in the experiment, with a dot at its end; empty for whole experiments.
     """
     for key, value in after.items():
@@ -40,7 +40,7 @@ def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
             if value != old:
                 yield Change(path, old, value)
         elif old is None:
-            # Only members of a family that have names come and go.
+            # Only disturbances, faults and effects can be added and removed.
             yield Change(path, "off", _added(key, value), is_member=True)
             yield from changes(_defaults(path, _added(key, value)), value, f"{path}.")
         elif value.get("kind") != before[key].get("kind"):
@@ -55,14 +55,14 @@ def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
 
 
 def _added(name: str, member: Tree) -> str:
-    """The text that adds a disturbance or a fault: `on`, or its kind if it has a name of its own."""
+    """Return the value that adds a disturbance or a fault: `on`, or its kind if it has another name."""
     return "on" if member["kind"] == name else member["kind"]
 
 
 def differences(a: Experiment, b: Experiment) -> list[tuple[str, str, str]]:
-    """Every field in which two experiments differ: its dotted path, and its value in each as text.
+    """Return each field in which two experiments differ: dotted path, value in `a`, value in `b`, as texts.
 
-    Of a part that is of another kind only the kind is told; its fields have nothing in common.
+    For a part that has different kinds, only the kinds are listed, because its fields differ in meaning.
     """
     changed: list[tuple[str, str, str]] = []
     replaced: tuple[str, ...] = ()
@@ -77,7 +77,7 @@ def differences(a: Experiment, b: Experiment) -> list[tuple[str, str, str]]:
 
 
 def fly_command(experiment: str) -> str:
-    """The shortest `heli-twin fly` that flies an experiment.
+    """Return the shortest `heli-twin fly` command that flies an experiment.
 
     Args:
         experiment: Canonical JSON.
@@ -86,7 +86,7 @@ def fly_command(experiment: str) -> str:
 
 
 def fly_words(experiment: str) -> list[str]:
-    """The arguments of `fly_command`: a preset other than the lab, and the changes of fields."""
+    """Return the arguments of `fly_command`: a preset other than `lab`, and overrides."""
     tree = parsed(experiment)
     candidates = [
         [name] * (name != "lab")
@@ -106,7 +106,7 @@ def _bases() -> dict[str, Tree]:
 
 
 def _defaults(path: str, kind: str) -> Tree:
-    """A part of a kind as `heli-twin fly path=kind` has it."""
+    """Return the tree of a part after `heli-twin fly path=kind`."""
     tree = tree_of(load(None, [f"{path}={kind}"]))
     for key in path.split("."):
         tree = tree[key]

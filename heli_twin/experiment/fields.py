@@ -1,4 +1,4 @@
-"""The fields of a spec as their annotations describe them: type, bounds, unit, meaning, family."""
+"""The fields of a spec, read from their annotations: type, bounds, unit, meaning, family."""
 
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -14,20 +14,20 @@ class FieldInfo(NamedTuple):
     """One field of a spec."""
 
     type: Any
-    """Without its bounds."""
+    """Type without the annotations."""
     adapter: TypeAdapter[Any] | None
-    """Validates a plain value; None for a table."""
+    """Validates a plain value; None for a part, which is a table."""
     family: OneOf | EachOf | None
     unit: str
-    """Empty for a value without one."""
+    """Empty for a value without a unit."""
     doc: str
     columns: tuple[str, ...] = ()
-    """Of the CSV file that may stand for the value; empty for a value that is no table of rows."""
+    """Columns of a CSV file that can be given in place of the rows; empty for any other value."""
 
 
 @cache
 def fields_of(spec: type) -> dict[str, FieldInfo]:
-    """The fields of a spec by name."""
+    """Return the fields of a spec, a dataclass, by name."""
     hints = get_type_hints(spec, include_extras=True)
     return {f.name: _info(hints[f.name]) for f in fields(spec)}
 

@@ -1,6 +1,7 @@
-"""An experiment made in Python: it is validated as it stands and never made again from text.
+"""Validation of an experiment that was made in Python.
 
-What is handed over flies, a class of the user's own too. NumPy's numbers and arrays become Python's.
+The objects that are handed over are those that fly, also objects of the user's own classes: none is made again from
+text. Only values change: NumPy's numbers and arrays become Python's.
 """
 
 from dataclasses import is_dataclass, replace
@@ -18,7 +19,7 @@ from heli_twin.experiment.values import ExperimentError, checked_value, plain
 
 
 def validated(experiment: Any) -> Experiment:
-    """The same experiment, its members in the order of their names and its values Python's.
+    """Return the same experiment with its members sorted by name and Python's values in place of NumPy's.
 
     Raises:
         ExperimentError: Names the field, its value and the limit.
@@ -56,7 +57,7 @@ def _each(name: str, member: Any, info: FieldInfo, path: str) -> Any:
 
 
 def _part(value: Any, info: FieldInfo, path: str) -> Any:
-    """A member of a family or a table of fields; a class of the user's own has to do what its place needs."""
+    """Validate a member of a family or a part with fields; one of a user's class must have what its family needs."""
     what = type(value).__name__
     if isinstance(value, type):
         raise ExperimentError(f"{path} is the class {value.__name__}: give an object of it, {value.__name__}()")
@@ -85,6 +86,6 @@ def _fields(spec: Any, here: str) -> dict[str, FieldInfo]:
         return fields_of(type(spec))
     except (TypeError, NameError, PydanticUserError) as error:
         raise ExperimentError(
-            f"{here[:-1]} is of the class {type(spec).__name__}, of which a field has a type that no text describes"
-            f" ({str(error).splitlines()[0][:100]}): take numbers, texts and tuples of them"
+            f"{here[:-1]} is of the class {type(spec).__name__}, which has a field of an unsupported type"
+            f" ({str(error).splitlines()[0][:100]}): use numbers, texts and tuples of them"
         ) from None

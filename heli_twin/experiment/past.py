@@ -1,4 +1,4 @@
-"""Flights of older versions: what the fields that came later have to be so that an old experiment flies as it did.
+"""Values of new fields for experiments of older versions, so that an old experiment flies as it did.
 
 Add a line to `PAST` with every new field of an experiment, and with every changed default. The table has two uses:
 
@@ -21,21 +21,21 @@ from heli_twin.experiment.fields import fields_of
 Tree = dict[str, Any]
 
 PHYSICS_VERSION = 4
-"""Part of every run's id. Raise it by hand when the same experiment comes to fly differently: then old results do not
-count as flown any more."""
+"""Part of every run's id. Raise it by hand when the same experiment flies differently than before: then a study flies
+its old runs again."""
 UNRECORDED_VERSION = 3
-"""Of a log that does not say its physics version."""
+"""Physics version of a log that does not record one."""
 
 
 class Past(NamedTuple):
-    """What a field was before it came, or before its default changed."""
+    """The value of a field in flights of older versions."""
 
     version: int
     """The first physics version with the new field or default."""
     value: Any
-    """What describes flights of older versions, as it stands in a tree: a number, a text, a list, a table."""
+    """Value in flights of older versions, as in a tree: a number, a text, a list, a table."""
     is_new: bool = True
-    """False for a field that older versions had too, with this value as its default."""
+    """True for a new field; False for a field that older versions had too, with `value` as its default."""
 
 
 _KALMAN = "controllers.estimators.kalman.Kalman"
@@ -53,22 +53,27 @@ PAST: dict[str, Past] = {
     "heli_twin.experiment.Experiment.supervisor": Past(4, {"kind": "off"}),
     "controllers.trajectories.takeoff_and_landing.TakeoffAndLanding.stand": Past(4, 0.0),
 }
-"""By the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
+"""Past values by the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
 
 
 def add_past(spec: type, tree: Tree) -> None:
-    """Give each new field that a tree of canonical JSON leaves out its past value, in place."""
+    """Add the new fields that a tree of canonical JSON leaves out, with their past values, in place.
+
+    Args:
+        spec: Class of the tree.
+        tree: A whole tree, changed in place.
+    """
     _set_past(spec, tree, lambda past, is_absent, _: past.is_new and is_absent)
 
 
 def restore_past(spec: type, tree: Tree, version: int, said: Collection[str], under: str = "") -> None:
-    """Give each field that changed after a version, and that a text of that version does not name, its past value.
+    """Set each field that changed after a version to its past value, unless the text of that version names the field.
 
     Args:
         spec: Class of the tree.
         tree: A whole tree, changed in place.
         version: Physics version of the text.
-        said: Dotted paths that the text names.
+        said: Dotted paths of the fields that the text names.
         under: Dotted path of the table that the text describes; empty for the whole tree.
     """
 
@@ -81,7 +86,12 @@ def restore_past(spec: type, tree: Tree, version: int, said: Collection[str], un
 
 
 def leave_out_past(spec: type, tree: Tree) -> None:
-    """Remove each new field that has its past value from a whole tree, in place."""
+    """Remove each new field that has its past value from a whole tree, in place.
+
+    Args:
+        spec: Class of the tree.
+        tree: A whole tree, changed in place.
+    """
     changed = _by_class()
     for kind, table, _ in reversed(list(_tables(spec, tree))):
         for field, past in changed.get(_name(kind), {}).items():
@@ -111,7 +121,7 @@ def _name(spec: type) -> str:
 
 
 def _tables(spec: type, table: Any, here: str = "") -> Iterator[tuple[type, Tree, str]]:
-    """Every table of a tree with its class and its dotted path, outer ones first; what is no table is skipped."""
+    """Yield every table of a tree with its class and its dotted path, outer ones first; other values are skipped."""
     if not isinstance(table, dict):
         return
     yield spec, table, here

@@ -1,8 +1,8 @@
-"""The edge where text becomes an experiment: presets, TOML files and dotted overrides.
+"""Reads an experiment from a preset or a TOML file and applies overrides, `path.to.field=value`.
 
-`part = "kind"` is short for that member of a family with its defaults. Of disturbances and faults there can be
-several: `"off"` leaves one out, `"on"` adds the one of that kind with its defaults, and `disturbances.second = "gust"`
-adds one more gust with a name of its own.
+`part = "kind"` is short for a table with that `kind`: the member of the family, with its default values. There can be
+several disturbances and faults: `"on"` adds the one of that kind with its default values, `"off"` removes it, and
+`disturbances.second = "gust"` adds another gust under the name `second`.
 """
 
 import csv
@@ -28,7 +28,7 @@ from heli_twin.foreign_text import instead
 
 
 def presets() -> dict[str, Path]:
-    """The experiments that come with heli_twin, by name."""
+    """Return the TOML files of the experiments that come with heli_twin, by name."""
     folder = Path(str(files("heli_twin") / "presets"))
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
@@ -38,10 +38,14 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Experiment
 
     Args:
         source: Name of a preset or path of a TOML file; None for `lab`.
-        overrides: Changes, each `path.to.field=value`; a change of `kind` counts before the others.
+        overrides: Changes, each `path.to.field=value`; changes of a `kind` are applied before the others.
+
+    Returns:
+        The experiment. Fields that the file leaves out have their default values; if the file names an older physics
+        version, they have the values of that version.
 
     Raises:
-        ExperimentError: One sentence that says what is wrong and what would be right.
+        ExperimentError: The source or an override is wrong; the message names the nearest valid choice.
     """
     tree = tree_of(Experiment())
     table, version = _read(source or "lab")
@@ -53,10 +57,14 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Experiment
 
 
 def changed(experiment: Experiment, overrides: Iterable[str]) -> Experiment:
-    """An experiment with some fields changed, each `path.to.field=value`, as `load` does.
+    """Return an experiment with some fields changed.
+
+    Args:
+        experiment: It stays as it is.
+        overrides: Changes, each `path.to.field=value`; changes of a `kind` are applied before the others.
 
     Raises:
-        ExperimentError: One sentence that says what is wrong and what would be right.
+        ExperimentError: An override is wrong; the message names the nearest valid choice.
     """
     return _changed(tree_of(experiment), overrides)
 
@@ -69,13 +77,13 @@ def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
 
 
 def _names_a_kind(path: str, value: Any) -> bool:
-    """Return whether a change says which member of a family stands at its path."""
+    """Return whether a change selects the member of a family at its path."""
     is_member = isinstance(value, str | dict) and value not in ("on", "off") and _holds_member(Experiment, path)
     return path.endswith(".kind") or is_member
 
 
 def _holds_member(spec: type, path: str) -> bool:
-    """Return whether a member of a family stands at a path; for any kind of the members on the way."""
+    """Return whether a path leads to a member of a family, for any kinds of the members above it."""
     key, _, rest = path.partition(".")
     info = fields_of(spec).get(key)
     if info is None or info.adapter is not None:
@@ -90,7 +98,7 @@ def _holds_member(spec: type, path: str) -> bool:
 
 
 def _read(source: str) -> tuple[Tree, int]:
-    """The tables of a preset or a TOML file, and the physics version that they were written for."""
+    """Return the tables of a preset or a TOML file, and the physics version that they were written for."""
     known = presets()
     path = known.get(source, Path(source))
     if source not in known and path.suffix != ".toml":
@@ -121,7 +129,7 @@ def _read(source: str) -> tuple[Tree, int]:
 
 
 _NOT_TOML = (ValueError, RecursionError)
-"""What the parser raises: its own error, and what a number of 5000 digits or a thousand brackets make of Python."""
+"""Errors of the TOML parser: its own, and those of Python for a number of 5000 digits or a thousand brackets."""
 
 
 def _toml(text: str) -> Tree:
@@ -131,7 +139,7 @@ def _toml(text: str) -> Tree:
 
 
 def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Every value of a tree with its dotted path; names of members come first, since they bring defaults along."""
+    """Yield every value of a tree with its dotted path; `kind` first in its table, because it resets the others."""
     for key, value in sorted(tree.items(), key=lambda item: (item[0] != OWN, item[0] != "kind")):
         if isinstance(value, dict) and value:
             yield from _leaves(value, f"{path}{key}.")
@@ -140,16 +148,18 @@ def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def assignment(text: str, example: str = "path.to.field=value, such as plant.mass=0.03") -> tuple[str, Any]:
-    """A change as a person writes it, `path.to.field=value`: its dotted path and its value.
-
-    The value is read as TOML; what is not TOML is text, so that names need no quotes.
+    """Parse an override, `path.to.field=value`.
 
     Args:
-        text: The change.
-        example: How to write one, for the error.
+        text: The override.
+        example: A valid override, for the error message.
+
+    Returns:
+        The dotted path, and the value: read as TOML, or the text itself if it is not valid TOML, so that names need no
+        quotes.
 
     Raises:
-        ExperimentError: There is no `=`, or nothing before it.
+        ExperimentError: There is no `=`, there is nothing before it, or the path has too many levels.
     """
     path, equals, value = (word.strip() for word in text.partition("="))
     if not equals or not path:
@@ -163,7 +173,7 @@ def assignment(text: str, example: str = "path.to.field=value, such as plant.mas
 
 
 def _override(text: str) -> tuple[str, Any, int]:
-    """A change with the physics version that it was written for; a part may stand in a TOML file, `part=FILE.toml`."""
+    """Parse an override, also `part=FILE.toml`; return its path, value and the physics version it was written for."""
     path, value = assignment(text)
     if isinstance(value, str) and value.endswith(".toml"):
         return path, *_table_in(value, path)
@@ -171,7 +181,7 @@ def _override(text: str) -> tuple[str, Any, int]:
 
 
 def _table_in(file: str, path: str) -> tuple[Tree, int]:
-    """The table that stands at a dotted path in a TOML file, and the file's physics version."""
+    """Return the table at a dotted path in a TOML file, and the file's physics version."""
     tree, version = _read(file)
     table: Any = tree
     for key in path.split("."):
@@ -182,7 +192,12 @@ def _table_in(file: str, path: str) -> tuple[Tree, int]:
 
 
 def put(tree: Tree, path: str, value: Any) -> None:
-    """Set the value at a dotted path of a whole tree; another `kind` starts from that member's defaults.
+    """Set the value at a dotted path of a tree; another `kind` resets its table to that member's default values.
+
+    Args:
+        tree: Tree of a whole experiment, changed in place.
+        path: Dotted path of a field or a table.
+        value: Number, text, list, or a table with some of the fields.
 
     Raises:
         ExperimentError: The path names no field; the message suggests one.
@@ -237,7 +252,7 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
 
 
 def _rows(file: str, columns: tuple[str, ...], path: str) -> list[list[float]]:
-    """The rows of a CSV file: its content becomes part of the experiment, so that a log flies without the file."""
+    """Read a CSV file: its rows become part of the experiment, so that a log can be flown without the file."""
     line = 1
     if not Path(file).is_file():
         raise ExperimentError(f"{path}: cannot read {cut(Path(file).absolute(), 200)}: there is no such file")
@@ -264,7 +279,7 @@ def _rows(file: str, columns: tuple[str, ...], path: str) -> list[list[float]]:
 
 
 def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str) -> None:
-    """Set a field of one of several members, or add or remove one: `on`, `off`, or its kind if it has its own name."""
+    """Set a field of one of several members; or add one with `on` or its kind, or remove it with `off`."""
     kinds = members(family.package)
     if not keys:
         raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(kinds)}")

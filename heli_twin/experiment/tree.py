@@ -1,7 +1,7 @@
-"""Specs as trees of plain values and back: what an experiment looks like as JSON and TOML, and what is refused.
+"""Converts an experiment to nested tables of plain values, JSON and TOML, and back, with validation.
 
-As a tree, an experiment is nested tables. A part's `kind` says which member of its family it is; disturbances and
-faults are tables by their name, which is their kind where nothing else is said.
+In a tree, `kind` says which member of its family a part is. Disturbances and faults are tables by name; the default
+name is the kind.
 """
 
 import json
@@ -21,12 +21,12 @@ from heli_twin.foreign_text import instead
 
 
 def tree_of(experiment: Experiment) -> Tree:
-    """An experiment as nested tables of plain values."""
+    """Return an experiment as nested tables of plain values."""
     return table_of(experiment)
 
 
 def table_of(spec: Any) -> Tree:
-    """A spec as nested tables of plain values.
+    """Return a spec as nested tables of plain values.
 
     Raises:
         ExperimentError: Two disturbances or faults have the same name.
@@ -49,10 +49,14 @@ def _marked_table(part: Any, info: FieldInfo) -> Tree:
 
 
 def several(members: Any, path: str) -> dict[str, Any]:
-    """The disturbances or faults of an experiment by name.
+    """Return the disturbances or faults of an experiment by name.
+
+    Args:
+        members: A tuple of them.
+        path: Dotted path of their field, for the error message.
 
     Raises:
-        ExperimentError: Two have the same name, or these are no members at all.
+        ExperimentError: Two have the same name, or one is not a disturbance or fault.
     """
     try:
         return by_name(members)
@@ -61,7 +65,7 @@ def several(members: Any, path: str) -> dict[str, Any]:
 
 
 def experiment_of(tree: Tree) -> Experiment:
-    """A validated experiment from a whole tree.
+    """Make a validated experiment from a tree; fields left out keep their default values.
 
     Raises:
         ExperimentError: Names the field, its value, the limit and the default.
@@ -70,7 +74,7 @@ def experiment_of(tree: Tree) -> Experiment:
 
 
 def spec_of(spec: type, tree: Any) -> Any:
-    """A validated spec of another kind from a tree, a study for one; fields left out keep their defaults.
+    """Make a validated spec of any class, such as a study, from a tree; fields left out keep their default values.
 
     Raises:
         ExperimentError: Names the field, its value, the limit and the default.
@@ -110,11 +114,11 @@ def _spec(spec: type, tree: Any, here: str) -> Any:
 
 
 def unknown_field(path: str, known: Iterable[str], elsewhere: Sequence[str] = ()) -> ExperimentError:
-    """The error for a path that names no field.
+    """Make the error for a path that names no field.
 
     Args:
         path: Dotted path.
-        known: The fields that there are in its table.
+        known: Names of the fields in its table.
         elsewhere: Dotted paths of fields of this name in other tables.
     """
     table, _, name = path.rpartition(".")
@@ -125,7 +129,7 @@ def unknown_field(path: str, known: Iterable[str], elsewhere: Sequence[str] = ()
 
 
 def _each(package: str, name: str, table: Any, path: str) -> Any:
-    """One of several members; it is `Named` unless its name is its kind."""
+    """Make one of several members; it is `Named` unless its name is its kind."""
     if not isinstance(table, dict):
         raise ExperimentError(f"{path} = {reprlib.repr(table)} is not a table")
     table, kinds = without_mark(table, path, package), members(package)
@@ -135,10 +139,16 @@ def _each(package: str, name: str, table: Any, path: str) -> Any:
 
 
 def kind_under(name: str, kind: Any, kinds: dict[str, type], path: str) -> str:
-    """The kind of a disturbance or fault under a name: any, but the name of a kind is for a member of that kind.
+    """Return the kind of a disturbance or fault, after a check that it may have its name.
+
+    Args:
+        name: Its name. The name of a kind is reserved for the members of that kind.
+        kind: Its kind.
+        kinds: The classes of its family by kind.
+        path: Dotted path of the member, for the error message.
 
     Raises:
-        ExperimentError: There is no such kind, or the name is not one or means another kind.
+        ExperimentError: There is no such kind, or the name is not valid or reserved for another kind.
     """
     table = path.rpartition(".")[0]
     kind = _known(kind, kinds, table)
@@ -146,7 +156,8 @@ def kind_under(name: str, kind: Any, kinds: dict[str, type], path: str) -> str:
         return kind
     if name in kinds:
         raise ExperimentError(
-            f"{path} is where a {name} stands: give the {kind} another name, such as {table}.{kind}_2 = '{kind}'"
+            f"{path}: the name {name} is for the kind {name}: give the {kind} another, such as"
+            f" {table}.{kind}_2 = '{kind}'"
         )
     try:
         checked_name(name)
@@ -162,14 +173,14 @@ def _known(kind: Any, kinds: dict[str, type], family: str) -> str:
 
 
 def canonical_json(experiment: Experiment) -> str:
-    """The one text of an experiment, for logs, digests and ids; new fields that have their past value are left out."""
+    """Return the unique JSON text of an experiment; new fields with their past values are left out."""
     tree = tree_of(experiment)
     leave_out_past(Experiment, tree)
     return json.dumps(tree, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def parsed(text: str) -> Tree:
-    """The whole tree of canonical JSON, also of an older version; its values are not validated.
+    """Parse canonical JSON of this version or an older one to a tree; its values are not validated.
 
     Raises:
         ExperimentError: The text is not a JSON object.
@@ -186,22 +197,22 @@ def parsed(text: str) -> Tree:
 
 
 def from_json(text: str) -> Experiment:
-    """The experiment that `canonical_json` wrote, in this version or in an older one.
+    """Return the experiment that `canonical_json` of this version or an older one wrote.
 
     Raises:
-        ExperimentError: The text is not an experiment that this version knows.
+        ExperimentError: The text is not an experiment that this version can read.
     """
     return experiment_of(parsed(text))
 
 
 def toml_of(experiment: Experiment) -> str:
-    """An experiment as a TOML file that teaches: every field with its unit and what it means."""
+    """Return an experiment as the text of a TOML file: every field with its unit and meaning."""
     return "\n".join([physics_line(), *_toml(experiment, "")]).strip() + "\n"
 
 
 def physics_line() -> str:
-    """Today's physics version as the first line of a TOML file with an experiment or a part of one."""
-    return f"{f'physics = {PHYSICS_VERSION}':<32}  # version: fields that come later get what describes it"
+    """Return the line with today's physics version, for a TOML file with an experiment or a part of one."""
+    return f"{f'physics = {PHYSICS_VERSION}':<32}  # physics version; missing fields get their values of this version"
 
 
 def _toml(spec: Any, here: str) -> Iterator[str]:

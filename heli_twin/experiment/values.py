@@ -1,4 +1,4 @@
-"""Single values of an experiment: numbers, texts and rows of them, checked against their field's bounds."""
+"""Validation of single values of an experiment: numbers, texts and lists of them, against the bounds of their field."""
 
 import json
 import math
@@ -16,22 +16,22 @@ from heli_twin.foreign_text import instead
 
 
 class ExperimentError(HeliTwinError):
-    """An experiment that cannot be flown as it was written."""
+    """An experiment that cannot be flown: a value is wrong, or values do not fit together."""
 
 
 def listing(known: Iterable[str]) -> str:
-    """`Available: ...`."""
+    """Return `Available: ...` cut to a readable length."""
     return f"Available: {cut(', '.join(known), 260)}"
 
 
 def cut(text: Any, length: int = 80) -> str:
-    """A text of a user as an error repeats it: not longer than a person reads."""
+    """Return a value as text, cut to `length` characters, for an error message."""
     text = str(text) if not isinstance(text, int) else reprlib.repr(text) if abs(text) < 2**63 else "a huge number"
     return text if len(text) <= length else f"{text[: length - 3]}..."
 
 
 def check_size(value: Any) -> None:
-    """Refuse nested tables and lists that nothing of an experiment needs.
+    """Refuse nested tables and lists that no experiment needs.
 
     Raises:
         ValueError: They are nested deeper than `DEEPEST`, or an integer has more than 64 bits.
@@ -51,23 +51,23 @@ LARGEST = 1e12
 SMALLEST = 1e-30
 """Smallest size of a number of an experiment that is not 0, in its unit: its inverse is finite."""
 DEEPEST = 40
-"""Levels of tables and lists; an experiment has about eight."""
+"""Largest number of levels of tables and lists; an experiment has about eight."""
 
 
 def plain(value: Any) -> Any:
-    """A value without tuples and NumPy: lists and Python's own numbers and texts."""
+    """Return a value with lists in place of tuples and arrays, and Python's numbers in place of NumPy's."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     return [plain(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
-    """A value as its field's annotation allows it.
+    """Return a value, converted to the type of its field and checked against the field's bounds.
 
     Args:
         info: The field.
         value: Numbers, texts, and lists of them.
-        path: Dotted path of the field, for the error.
+        path: Dotted path of the field, for the error message.
         spec: The class that has the field.
 
     Raises:

@@ -216,7 +216,7 @@ REFUSALS = [
     ({"controller": HoldsThrust(None)}, "controller is of the class HoldsThrust: make it a dataclass"),
     ({"controller": Pid}, "controller is the class Pid: give an object of it, Pid()"),
     ({"controller": "pid"}, "controller is of the class str: "),
-    ({"controller": Odd()}, "controller is of the class Odd, of which a field has a type that no text describes"),
+    ({"controller": Odd()}, "controller is of the class Odd, which has a field of an unsupported type"),
     (
         {"controller": replace(Mine(), period=-1.0)},
         "controller.period = -1.0: it must be greater than 0; the default is",

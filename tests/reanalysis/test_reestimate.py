@@ -102,6 +102,8 @@ def test_what_has_no_poses_or_is_no_estimator_is_refused(log: Log) -> None:
         reestimate(Log({}, experiment="{}"))
     with pytest.raises(HeliTwinError, match=r"estimator\.\*"):
         reestimate(log, ["plant.mass=0.03"])
+    with pytest.raises(HeliTwinError, match="'estimator' is not an override: write path=value, such as estimator"):
+        reestimate(log, ["estimator"])
 
 
 def test_the_command_tells_error_and_consistency(

@@ -116,6 +116,7 @@ def test_the_new_log_has_new_inputs_and_all_else_as_flown(mpc: Log, tmp_path: Pa
         ("plant.mass=0.03", "controller"),
         ("controller.period=0.04", "0.02 s"),
         ("controller.horizn=3", "controller.horizon"),
+        ("horizon", "'horizon' is not an override: write path=value, such as controller.horizon=12"),
     ],
 )
 def test_what_cannot_be_resolved_is_refused_in_one_sentence(mpc: Log, override: str, message: str) -> None:
