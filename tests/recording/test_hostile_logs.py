@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import TypeVar
@@ -30,9 +31,17 @@ HOSTILE = settings(max_examples=60, suppress_health_check=[HealthCheck.function_
 COMMANDS = settings(HOSTILE, max_examples=20)
 
 
+@cache
+def real() -> Content:
+    return content_of(fly(load("lab", ["duration=0.4"]), log_dir=None).log)
+
+
 @pytest.fixture(scope="module")
 def content() -> Content:
-    return content_of(fly(load("lab", ["duration=0.4"]), log_dir=None).log)
+    return real()
+
+
+HOSTILE_LOGS = st.deferred(lambda: hostile(real()))
 
 
 def test_a_log_that_is_rebuilt_is_the_log(content: Content) -> None:
@@ -51,42 +60,42 @@ def in_a_sentence(read: Callable[[], T]) -> T | None:
 
 
 @HOSTILE
-@given(data=st.data())
-def test_every_reader_gives_the_log_or_one_sentence(content: Content, tmp_path: Path, data: st.DataObject) -> None:
+@given(log=HOSTILE_LOGS)
+def test_every_reader_gives_the_log_or_one_sentence(tmp_path: Path, log: Content) -> None:
     path = tmp_path / "run.mcap"
-    path.write_bytes(data.draw(hostile(content)).written())
+    path.write_bytes(log.written())
     path.with_name("run.recovered.mcap").unlink(missing_ok=True)
     with suppress(HeliTwinError), np.errstate(all="ignore"):
         recover(path)
     with np.errstate(all="ignore"):
-        log = in_a_sentence(lambda: read_log(path))
-        if log is None:
+        read = in_a_sentence(lambda: read_log(path))
+        if read is None:
             return
         for wire in WIRES:
-            in_a_sentence(lambda wire=wire: getattr(log, wire.name.rpartition("/")[2]))
+            in_a_sentence(lambda wire=wire: getattr(read, wire.name.rpartition("/")[2]))
         for use in (lambda log: log.reference_paths, tables, metrics, measures):
-            in_a_sentence(lambda use=use: use(log))
-    assert len(repr(log)) < 300
-    assert "\x1b" not in repr(log) + log._repr_html_()
+            in_a_sentence(lambda use=use: use(read))
+    assert len(repr(read)) < 300
+    assert "\x1b" not in repr(read) + read._repr_html_()
 
 
 @COMMANDS
-@given(data=st.data())
+@given(log=HOSTILE_LOGS)
 def test_every_command_does_its_work_or_says_one_sentence(
-    content: Content, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, capsys: pytest.CaptureFixture[str]
+    tmp_path_factory: pytest.TempPathFactory, log: Content, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path_factory.mktemp("hostile")
-    log = str(folder / "run.mcap")
-    Path(log).write_bytes(data.draw(hostile(content)).written())
+    path = str(folder / "run.mcap")
+    Path(path).write_bytes(log.written())
     for command in (
-        ["info", log],
-        ["info", log, "--json"],
-        ["export", log, "--parquet", str(folder / "tables")],
-        ["recover", log],
-        ["replay", log, "--save", str(folder / "run.rrd")],
-        ["reestimate", log],
-        ["refly", log, "--no-log"],
-        ["resolve", log],
+        ["info", path],
+        ["info", path, "--json"],
+        ["export", path, "--parquet", str(folder / "tables")],
+        ["recover", path],
+        ["replay", path, "--save", str(folder / "run.rrd")],
+        ["reestimate", path],
+        ["refly", path, "--no-log"],
+        ["resolve", path],
     ):
         code = main(command)
         out, err = capsys.readouterr()
