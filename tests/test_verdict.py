@@ -30,9 +30,11 @@ def leaning(degrees: float, axis: float) -> tuple[float, ...]:
 
 
 @pytest.mark.parametrize("axis", [0.0, 0.7, np.pi / 2, 4.0])
-@pytest.mark.parametrize(("degrees", "kind"), [(0, None), (89.9, None), (90.1, "diverged"), (180, "diverged")])
-def test_a_helicopter_is_upside_down_from_90_degrees_on(degrees: float, axis: float, kind: str | None) -> None:
+@pytest.mark.parametrize(("degrees", "kind"), [(0, None), (44.9, None), (45.1, "diverged"), (180, "diverged")])
+def test_a_helicopter_has_tipped_over_from_45_degrees_on(degrees: float, axis: float, kind: str | None) -> None:
     assert ending(quat_wxyz=leaning(degrees, axis)) == kind
+    on_the_floor = ending(quat_wxyz=leaning(degrees, axis), touching=True, planned_height=0.0)
+    assert on_the_floor == (kind and "crashed")
 
 
 @pytest.mark.parametrize("axis", [0, 1])
