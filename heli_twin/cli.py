@@ -13,7 +13,7 @@ from types import FrameType
 
 from heli_twin import commands
 from heli_twin.errors import HeliTwinError
-from heli_twin.foreign_text import clean
+from heli_twin.terminal_text import clean
 from heli_twin.whole_file import STOP_SIGNALS
 
 STOP_TIMEOUT_S = 4

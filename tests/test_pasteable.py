@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heli_twin.cli import main
-from heli_twin.pasteable import pasteable
 from heli_twin.studies.campaign import embedded, run_study
 from heli_twin.studies.report import write_report
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import Study, study_of, study_tree
+from heli_twin.terminal_text import pasteable
 
 HOSTILE = "my study $(touch pwned)`touch pwned`;touch pwned #'\"&\\!*"
 

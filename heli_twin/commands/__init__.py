@@ -18,8 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from heli_twin.foreign_text import clean
-from heli_twin.pasteable import pasteable
+from heli_twin.terminal_text import clean, pasteable
 
 if TYPE_CHECKING:
     from rich.progress import Progress

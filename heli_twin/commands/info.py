@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import command, file_path, say
-from heli_twin.foreign_text import clean
+from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.recording import Log

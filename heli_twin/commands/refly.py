@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import add_with, command, file_path, load_with, progress_bar, say
-from heli_twin.foreign_text import clean
+from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
     from rich.text import Text

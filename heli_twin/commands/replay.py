@@ -4,8 +4,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 
 from heli_twin.commands import command, file_path
-from heli_twin.foreign_text import clean
-from heli_twin.pasteable import pasteable
+from heli_twin.terminal_text import clean, pasteable
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:

@@ -8,7 +8,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from heli_twin.commands import add_with, command, load_with, progress_bar, say
-from heli_twin.foreign_text import clean
+from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.studies.campaign import StudyProgress

@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.signals import Array
 from heli_twin.commands import add_experiment, command, experiment_arguments
-from heli_twin.foreign_text import clean
+from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.experiment import Experiment

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, file_path, progress_bar, say
 from heli_twin.errors import HeliTwinError
-from heli_twin.pasteable import pasteable
+from heli_twin.terminal_text import pasteable
 from heli_twin.whole_file import write_whole
 
 if TYPE_CHECKING:

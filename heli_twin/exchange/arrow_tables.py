@@ -12,9 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from heli_twin.errors import HeliTwinError
-from heli_twin.foreign_text import instead
 from heli_twin.recording import Log
 from heli_twin.recording.schema import LATER_WIRES, WIRES
+from heli_twin.terminal_text import instead
 from heli_twin.whole_file import whole_file
 
 WIRE_NAMES = tuple(topic.name for topic in WIRES + LATER_WIRES)

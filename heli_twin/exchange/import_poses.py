@@ -22,10 +22,10 @@ from heli_twin.exchange.frames import FRAMES, LENGTH_UNITS_M
 from heli_twin.exchange.plausibility import check_plausible
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import assignment, load
-from heli_twin.foreign_text import instead
 from heli_twin.logbook import begin_log, planned_path
 from heli_twin.recording import LogError, Recorder
 from heli_twin.recording.log import ORIGIN_KEY, Times
+from heli_twin.terminal_text import instead
 
 
 class Reading(NamedTuple):

@@ -10,7 +10,7 @@ from heli_twin.experiment import Experiment
 from heli_twin.experiment.own import OWN
 from heli_twin.experiment.text import load, presets
 from heli_twin.experiment.tree import Tree, parsed, tree_of
-from heli_twin.pasteable import pasteable
+from heli_twin.terminal_text import pasteable
 
 
 class Change(NamedTuple):

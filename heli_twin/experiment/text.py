@@ -24,7 +24,7 @@ from heli_twin.experiment.own import OWN, require_own, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
 from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of, unknown_field
 from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, cut, listing
-from heli_twin.foreign_text import instead
+from heli_twin.terminal_text import instead
 
 
 def presets() -> dict[str, Path]:

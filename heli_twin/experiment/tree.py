@@ -17,7 +17,7 @@ from heli_twin.experiment.fields import FieldInfo, fields_of
 from heli_twin.experiment.own import OWN, own_class, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past
 from heli_twin.experiment.values import ExperimentError, check_size, checked_value, cut, listing, plain
-from heli_twin.foreign_text import instead
+from heli_twin.terminal_text import instead
 
 
 def tree_of(experiment: Experiment) -> Tree:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.fields import FieldInfo
-from heli_twin.foreign_text import instead
+from heli_twin.terminal_text import instead
 
 
 class ExperimentError(HeliTwinError):

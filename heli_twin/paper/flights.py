@@ -13,10 +13,10 @@ from heli_twin.experiment.text import load
 from heli_twin.experiment.tree import canonical_json
 from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.metrics.tracking import SETTLING_S
-from heli_twin.pasteable import pasteable
 from heli_twin.recording import Log, read_log
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Row
+from heli_twin.terminal_text import pasteable
 from heli_twin.workers.task import Flown, Task
 
 PID = ("controller=pid",)

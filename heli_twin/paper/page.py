@@ -10,10 +10,10 @@ from heli_twin.paper.claims import CM
 from heli_twin.paper.comparison import DEGREES
 from heli_twin.paper.flights import CASES, Flights
 from heli_twin.paper.verdicts import Claim
-from heli_twin.pasteable import pasteable
 from heli_twin.reporting.figure import Figure, Table
 from heli_twin.reporting.html_page import Section, html_table
 from heli_twin.reporting.words import number
+from heli_twin.terminal_text import pasteable
 
 
 def claims_section(title: str, sentence: str, claims: Sequence[Claim]) -> Section:

@@ -16,11 +16,11 @@ from heli_twin.paper.flights import CASES, Flights, fly_all, identification_task
 from heli_twin.paper.gains import gains_table
 from heli_twin.paper.page import STYLE, claims_section, figure_section, flown_table
 from heli_twin.paper.verdicts import Claim
-from heli_twin.pasteable import pasteable
 from heli_twin.recording import read_log
 from heli_twin.recording.log import Timings
 from heli_twin.reporting.figure import Figure, Table
 from heli_twin.reporting.html_page import Section, html_page, table_section
+from heli_twin.terminal_text import pasteable
 from heli_twin.whole_file import write_whole
 
 DEFAULT_SEEDS = 7

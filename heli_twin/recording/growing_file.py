@@ -7,8 +7,8 @@ from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 
-from heli_twin.pasteable import pasteable
 from heli_twin.recording.schema import LogError, LogExistsError
+from heli_twin.terminal_text import pasteable
 from heli_twin.whole_file import part_of
 
 _LOGGER = logging.getLogger(__name__)

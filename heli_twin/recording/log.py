@@ -11,11 +11,11 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from controllers.signals import Array
-from heli_twin.foreign_text import clean
 from heli_twin.recording import flight_pb2 as pb
 from heli_twin.recording.foxglove import LogMessage, PointCloud
 from heli_twin.recording.packing import Layout
 from heli_twin.recording.schema import LAYOUTS, QP_STATUS, SEVERITIES, LogError, Severity, plan_layout
+from heli_twin.terminal_text import clean
 
 Times = NDArray[np.int64]
 

@@ -12,7 +12,6 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC
 
-from heli_twin.foreign_text import clean, instead
 from heli_twin.recording.log import OUTCOMES, Attachment, Ending, Log, Messages
 from heli_twin.recording.schema import EXPERIMENT, FORMAT, TOPICS, LogError, unsealed
 from heli_twin.recording.unpacking import (
@@ -27,6 +26,7 @@ from heli_twin.recording.unpacking import (
     records,
     unpack_chunk,
 )
+from heli_twin.terminal_text import clean, instead
 
 _FOOTER_SIZE, _DATA_END_SIZE = RECORD.size + 20, RECORD.size + 4
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)

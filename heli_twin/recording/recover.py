@@ -11,7 +11,6 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata
 from mcap.writer import MCAP0_MAGIC
 
-from heli_twin.foreign_text import clean
 from heli_twin.recording.mcap_stream import McapStream
 from heli_twin.recording.reader import LATEST_NS, check_format, ending_of
 from heli_twin.recording.schema import EXPERIMENT, TOPICS, LogError, sealed, unsealed
@@ -27,6 +26,7 @@ from heli_twin.recording.unpacking import (
     unpack_chunk,
 )
 from heli_twin.recording.writer import CHUNK_SIZE, LIBRARY
+from heli_twin.terminal_text import clean
 from heli_twin.whole_file import whole_file
 
 

@@ -6,11 +6,11 @@ from functools import cache
 from typing import Any
 
 from heli_twin.experiment import Experiment
-from heli_twin.foreign_text import instead
 from heli_twin.metrics.measures import measures
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log
 from heli_twin.studies.errors import StudyError
+from heli_twin.terminal_text import instead
 
 COMPLETED = "completed"
 """The outcome of a flight that did not fail."""

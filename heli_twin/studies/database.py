@@ -6,8 +6,8 @@ import sqlite3
 from pathlib import Path
 from urllib.parse import quote
 
-from heli_twin.pasteable import pasteable
 from heli_twin.studies.errors import StudyError
+from heli_twin.terminal_text import pasteable
 
 LOCK_TIMEOUT_S = 0.2
 CANNOT_WRITE = {

@@ -13,11 +13,11 @@ from controllers.markers import OneOf
 from heli_twin.experiment.families import members
 from heli_twin.experiment.text import assignment
 from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
-from heli_twin.foreign_text import instead
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plain import MAX_NAME_LENGTH, check_plain, shortened
+from heli_twin.terminal_text import instead
 from heli_twin.tuning.record import uncommented
 
 

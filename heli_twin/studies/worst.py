@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 from heli_twin.experiment.differences import fly_command
 from heli_twin.experiment.tree import canonical_json, experiment_of
-from heli_twin.pasteable import pasteable
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import varied
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import study_of
+from heli_twin.terminal_text import pasteable
 
 
 class WorstRun(NamedTuple):

@@ -9,8 +9,8 @@ from typing import NamedTuple, TypeVar
 import rerun as rr
 import rerun.blueprint as rrb
 
-from heli_twin.pasteable import pasteable
 from heli_twin.recording.schema import LogError
+from heli_twin.terminal_text import pasteable
 from heli_twin.viewing.viewer_process import DELIVERY_TIMEOUT_S, is_listening, spawn, url
 from heli_twin.whole_file import write_whole
 

@@ -15,7 +15,7 @@ from heli_twin.studies.flight_code import ROOMS, changes_of, code_hash, code_par
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.store import Store
 
-HARMLESS = ("heli_twin/__init__", "heli_twin/errors", "heli_twin/whole_file", "heli_twin/pasteable")
+HARMLESS = ("heli_twin/__init__", "heli_twin/errors", "heli_twin/whole_file", "heli_twin/terminal_text")
 """Modules that a flight loads and that no number of a row comes from."""
 
 

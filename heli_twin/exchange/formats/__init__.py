@@ -113,7 +113,7 @@ def chosen_body(path: Path, bodies: list[str], wanted: str) -> str:
     Raises:
         ImportRefused: There is none, there are several and none is named, or the named one is not there.
     """
-    from heli_twin.foreign_text import instead
+    from heli_twin.terminal_text import instead
 
     if not bodies:
         raise ImportRefused(f"{path} has no rigid body: export rigid bodies, not markers alone")

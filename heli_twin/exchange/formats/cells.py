@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from controllers.signals import Array
 from heli_twin.exchange.formats import MAX_LINE_CHARACTERS, MAX_ROWS, ImportRefused
-from heli_twin.foreign_text import clean
+from heli_twin.terminal_text import clean
 
 
 def rows_of(path: Path, delimiter: str) -> Iterator[list[str]]:

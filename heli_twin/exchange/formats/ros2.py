@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from heli_twin.exchange.formats import MAX_ROWS, ImportRefused, Options, Take, chosen_body
-from heli_twin.foreign_text import clean
 from heli_twin.recording.foreign_bag import BagMessage, bag_messages
+from heli_twin.terminal_text import clean
 
 TITLE = "ROS 2 bag (MCAP)"
 MAX_LATENESS_S = 1.0

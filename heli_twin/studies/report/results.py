@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_twin.pasteable import pasteable
 from heli_twin.reporting.figure import Array
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.results import read_results
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_of
+from heli_twin.terminal_text import pasteable
 
 PLACE_COLUMNS = ("id", "alternative", "point", "replicate", "seed")
 FLIGHT_COLUMNS = ("outcome", "outcome_text", "effort", "controller.period")

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heli_twin.foreign_text import clean
+from heli_twin.terminal_text import clean
 
 
 @pytest.mark.parametrize(
