@@ -1,7 +1,7 @@
-"""An experiment as a value: everything that determines a flight, and nothing else.
+"""The experiment: an immutable value with everything that determines a flight, and nothing else.
 
-The helicopter stands here twice: `plant` is how it is, `controller.model` is what the ground station believes. A
-model mismatch is that they differ. The defaults are the lab with everything realistic.
+The helicopter is described twice: `plant` is the real one, `controller.model` is what the ground station believes. A
+model mismatch is a difference between the two. The defaults are the lab with everything realistic.
 """
 
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ from heli_twin.lab.radio import Dsm2, RadioSpec
 
 @dataclass(frozen=True, slots=True)
 class Volume:
-    """Where the cameras can see; a flight that leaves it is over."""
+    """The space that the cameras see; a flight that leaves it is over."""
 
     half_width: Annotated[float, Gt(0), Unit("m"), doc("greatest distance from the middle, north and west")] = 2.5
     height: Annotated[float, Gt(0), Unit("m"), doc("ceiling")] = 2.5
@@ -39,7 +39,7 @@ class Volume:
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """One flight, determined. Same experiment, same flight."""
+    """One flight. Same experiment, same flight: every recorded message but the measured times, byte for byte."""
 
     seed: Annotated[int, Ge(0), Le(2**53), doc("of every random number in the flight")] = 0
     duration: Annotated[float, Gt(0), Le(36_000), Unit("s"), doc("how long to fly")] = 30.0
