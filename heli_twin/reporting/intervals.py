@@ -122,24 +122,30 @@ def sobol(A: Array, B: Array, AB: Array) -> Sensitivity:
         A: (n,) scores of the rows of A.
         B: (n,) of B.
         AB: (d, n) of A with column i from B.
+
+    Source: Saltelli et al., Computer Physics Communications 181 (2010) 259, table 2 (b) and (f).
     """
-    from scipy.stats import sobol_indices
+    from scipy.stats import bootstrap
 
     n = len(A)
     if np.ptp(np.concatenate([A, B])) == 0:
         nothing = [Interval(0.0, 0.0, 0.0, n)] * len(AB)
         return Sensitivity(nothing, nothing)
-    indices = sobol_indices(func={"f_A": A[None], "f_B": B[None], "f_AB": AB[:, None, :]}, n=n)
+
+    def indices(rows: NDArray[np.int64]) -> Array:
+        a, b, mixed = A[rows] - mean, B[rows] - mean, AB[:, rows] - mean
+        return np.stack([(b * (mixed - a)).mean(axis=1), 0.5 * ((mixed - a) ** 2).mean(axis=1)]) / np.var([a, b])
+
+    rows, mean = np.arange(n), np.concatenate([A, B]).mean()
+    values = indices(rows)
     with _degenerate_allowed():
-        spread = indices.bootstrap(confidence_level=CONFIDENCE, n_resamples=999)
-
-    def intervals(values: Array, limits: Any) -> list[Interval]:
-        low, high = np.ravel(limits.confidence_interval.low), np.ravel(limits.confidence_interval.high)
-        return [Interval(float(v), float(a), float(b), n) for v, a, b in zip(np.ravel(values), low, high, strict=True)]
-
-    return Sensitivity(
-        intervals(indices.first_order, spread.first_order), intervals(indices.total_order, spread.total_order)
+        # SciPy's `sobol_indices` has a bootstrap that cannot be seeded: the same scores have the same interval.
+        limits = bootstrap([rows], indices, confidence_level=CONFIDENCE, n_resamples=999, rng=0).confidence_interval
+    first, total = (
+        [Interval(float(v), float(low), float(high), n) for v, low, high in zip(*columns, strict=True)]
+        for columns in zip(values, limits.low, limits.high, strict=True)
     )
+    return Sensitivity(first, total)
 
 
 class GroupedMean(NamedTuple):

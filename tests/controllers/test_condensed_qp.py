@@ -229,6 +229,11 @@ def test_the_riccati_weight_is_the_cost_to_go(method):
     np.testing.assert_allclose(one_more, P, rtol=0, atol=1e-10 * np.abs(P).max())
 
 
+def test_what_costs_nothing_has_no_cost_to_go():
+    P = riccati_terminal_weight(0.5 * np.eye(10), np.eye(10)[:, :4], np.zeros((10, 10)), np.eye(4))
+    np.testing.assert_array_equal(P, np.zeros((10, 10)))
+
+
 def test_what_no_input_can_stop_has_no_riccati_weight():
     with pytest.raises(ValueError, match="no stabilising solution"), np.errstate(all="ignore"):
         riccati_terminal_weight(np.eye(10), np.zeros((10, 4)), np.eye(10), np.eye(4))

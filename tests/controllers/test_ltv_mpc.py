@@ -169,6 +169,14 @@ class Failing:
         return None if self._fails(self._calls) else self._solver(qp)
 
 
+def test_the_weights_are_the_paper_s():
+    # Kunz, Huck, Summers, ECC 2013, (30) and the text below it.
+    spec = LtvMpc()
+    assert spec.Q == (50, 50, 5, 10, 3, 3, 1, 2, 15, 15)
+    assert spec.R == (2, 2, 2, 2)
+    assert (spec.period, spec.horizon, spec.k_i) == (0.02, 18, 2.0)
+
+
 OFF = np.array([0.3, -0.2, 0.9, 0.4, 0.1, 0.2, 0.0, 0.5])
 
 
@@ -212,7 +220,8 @@ def test_without_any_plan_the_feed_forward_is_flown(monkeypatch):
     spec = LtvMpc()
     reference = planned(Circle(ramp=0.0), 0, spec.steps)
     command = decided(spec.start(), 0, reference.x[0], reference)
-    assert command.qp.status == "shifted_plan"
+    # Nothing was solved: no iterations, active bounds, cost or slack.
+    assert command.qp == ("shifted_plan", 0, 0, 0.0, 0.0)
     np.testing.assert_array_equal(command.u, reference.u[0])
 
 

@@ -166,6 +166,13 @@ def test_hover_is_an_equilibrium(model, x, y, yaw, dt):
     np.testing.assert_allclose(advance(model, still, model.u_hover, dt), still, rtol=0, atol=2e-13)
 
 
+def test_the_parameters_are_the_paper_s():
+    # Kunz, Huck, Summers, ECC 2013, (27).
+    model = Model()
+    assert (model.b_x, model.k_x, model.b_y, model.k_y) == (2.0, -0.5, 2.1, -0.4)
+    assert (model.b_z, model.b_yaw, model.k_yaw) == (18.0, 111.0, -5.0)
+
+
 def test_the_limits_are_the_paper_s_in_an_order_that_can_hover():
     model = Model()
     # (28) and (29), which is printed in the order x y yaw z.

@@ -13,6 +13,7 @@ from controllers.reference import check_feasible
 from controllers.trajectories import fitted
 from controllers.trajectories.circle import Circle
 from controllers.trajectories.csv import Csv
+from controllers.trajectories.doublets import Doublets
 from controllers.trajectories.ferris_wheel import FerrisWheel
 from controllers.trajectories.hover import Hover
 from controllers.trajectories.lemniscate import Lemniscate
@@ -126,6 +127,26 @@ def test_the_shapes_are_what_their_names_say():
     ring = PirouetteCircle(radius=0.3, rate=0.5, yaw_rate=-1.0).flat(T).z
     np.testing.assert_allclose(np.hypot(ring[:, 0], ring[:, 1]), 0.3, rtol=1e-12)
     np.testing.assert_allclose(ring[:, 3], -2.0 * np.unwrap(np.arctan2(ring[:, 1], ring[:, 0])), atol=1e-9)
+
+
+def test_defaults_are_the_paper_s_where_it_names_them():
+    # Kunz, Huck, Summers, ECC 2013, Figs. 3 to 5: a hover, and a circle of 0.5 m with its nose along the path.
+    assert (Circle().radius, Circle().heading) == (0.5, "path")
+    assert (Lemniscate().rate, PirouetteCircle().rate, PirouetteCircle().yaw_rate) == (0.8, 0.8, 1.6)
+    # 2 s of smooth start: along the path the standing start costs half of it.
+    for trajectory in (Circle(), Lemniscate(), FerrisWheel(), Pirouette(), PirouetteCircle()):
+        assert trajectory.ramp == 2.0
+
+
+def test_a_doublet_moves_by_its_acceleration_and_the_second_pair_is_shorter():
+    flat = Doublets(x=1.0, y=0.5, plane_pulse=2.0, edge=0.25).flat(np.array([0.0, 4.0, 8.0, 10.8, 13.6]))
+    # From rest to rest in two pulses T by a (1 - edge) T^2 = 3 m, and with 0.7 T by 0.49 of it; midway is the origin.
+    x = [-1.5, 1.5, -1.5, -1.5 + 0.49 * 3.0, -1.5]
+    np.testing.assert_allclose(flat.z, np.column_stack([x, 0.5 * np.array(x), np.ones(5), np.zeros(5)]), atol=1e-12)
+    np.testing.assert_allclose(flat.dz, 0.0, atol=1e-12)
+    pulse = Doublets(x=1.0, plane_pulse=2.0, edge=0.25).flat(np.array([0.25, 0.5, 1.5, 2.0, 3.0])).ddz[:, 0]
+    # Ramps of 0.5 s: half the acceleration after 0.25 s.
+    np.testing.assert_allclose(pulse, [0.5, 1.0, 1.0, 0.0, -1.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("rate", [0.8, -0.8])

@@ -29,6 +29,12 @@ def test_a_steady_error_is_no_lag():
     assert lag(circle(TIME), circle(TIME - 0.2) + 3.0) == pytest.approx(0.2, abs=1e-4)
 
 
+def test_a_path_of_a_few_centimetres_tells_its_lag_and_one_of_millimetres_does_not():
+    # 0.5 s late costs 0.25 of the amplitude, rms, beyond `TELLING`: 0.035 or 0.0035 m.
+    assert lag(0.2 * circle(TIME), 0.2 * circle(TIME - 0.2)) == pytest.approx(0.2, abs=1e-4)
+    assert lag(0.02 * circle(TIME), 0.02 * circle(TIME - 0.2)) is None
+
+
 def test_the_lag_of_a_first_order_system_is_its_phase():
     slow = 0.4
     phase = np.arctan(W * slow)
@@ -66,7 +72,8 @@ def test_a_decaying_error_has_settled_when_it_is_within_the_band():
 
 
 def test_only_what_stays_has_settled():
-    distance = np.zeros(1001)
+    assert BAND == 0.1
+    distance = np.full(1001, BAND)
     assert settling_time(TIME, distance) == 0.0
     distance[500] = 2 * SETTLED_BAND_M
     assert settling_time(TIME, distance) == pytest.approx(TIME[501], abs=1e-12)
@@ -104,6 +111,15 @@ def test_the_worst_step_counts_however_smooth():
     flown = reference + 0.1 * ((TIME > 4) & (TIME < 5)) - 0.1 * ((TIME > 14) & (TIME < 15))
     assert overshoot(reference, flown, PERIOD) == pytest.approx(0.2, abs=1e-3)
     assert overshoot(reference[:600], flown[:600], PERIOD) == pytest.approx(0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize(("sample", "expected"), [(500, 0.3), (501, 0.0)])
+def test_what_comes_after_the_rest_is_no_overshoot_of_it(sample, expected):
+    reference = 1.0 * (TIME > 2.0) + np.interp(TIME, [10.0, 14.0], [0.0, 2.0])
+    flown = reference.copy()
+    flown[sample] += 0.3
+    # The next move begins at sample 500.
+    assert overshoot(reference, flown, PERIOD) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy.stats import t
+from scipy.stats import sobol_indices, t
 
 from heli_twin.reporting.intervals import (
     Interval,
@@ -36,6 +36,7 @@ def test_a_median_interval_is_between_two_of_the_values():
     assert np.isnan(median_interval(np.arange(5.0)).low)
     # Of 10 values the second and the ninth: 1 - 2 * 11/1024 = 98 %; the third and the eighth only 89 %.
     assert tuple(median_interval(np.arange(1.0, 11.0))) == (5.0, 2.0, 9.0, 10)
+    assert median_interval(np.array([7.0, 1.0, 2.0])).value == 2.0
 
 
 def test_failure_rates_have_wilsons_interval():
@@ -108,6 +109,13 @@ def test_equal_values_have_no_scatter():
     assert found.low == found.high
 
 
+def test_the_scatter_of_tiny_values_is_no_rounding():
+    values = np.array([1.0, 2.0, 4.0])
+    assert tuple(mean_interval(1e-12 * values))[:3] == pytest.approx(
+        tuple(1e-12 * v for v in mean_interval(values)[:3])
+    )
+
+
 def test_grouped_means_are_the_means_of_the_groups():
     rng = np.random.default_rng(2)
     group, values = rng.integers(0, 5, 200), rng.normal(size=200)
@@ -170,6 +178,17 @@ def test_sobol_indices_of_ishigami():
     assert all(i.low <= i.value <= i.high for i in found.total)
     # A wrong sign of a half-width would put the limits on the wrong side.
     assert all(i.low < i.high for i in found.first)
+
+
+def test_the_same_scores_have_the_same_sobol_interval():
+    rng = np.random.default_rng(0)
+    A, B, AB = rng.normal(size=16), rng.normal(size=16), rng.normal(size=(2, 16))
+    indices = sobol(A, B, AB)
+    assert indices == sobol(A, B, AB)
+    peer = sobol_indices(func={"f_A": A[None], "f_B": B[None], "f_AB": AB[:, None]}, n=16)
+    # Sums of 16 numbers.
+    assert [i.value for i in indices.first] == pytest.approx(peer.first_order.tolist(), abs=1e-12)
+    assert [i.value for i in indices.total] == pytest.approx(peer.total_order.tolist(), abs=1e-12)
 
 
 def test_scores_that_never_change_depend_on_no_axis():

@@ -1,0 +1,303 @@
+"""A mutation run: one token of a module is replaced, and the nearest tests have to notice it.
+
+`python tests/mutants.py controllers 60` mutates 60 places of one room (a third word is the seed) and prints a table.
+Each mutant is tested in a fork of a process that has already imported the libraries, in a copy of the repository.
+"""
+
+import ast
+import io
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import tokenize
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+ROOMS = (
+    "controllers",
+    "heli_twin/lab",
+    "heli_twin/metrics",
+    "heli_twin/reporting/intervals.py",
+    "heli_twin/identification",
+)
+SWAPS = {"+": "-", "-": "+", "*": "/", "/": "*", "**": "*", "<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!="} | {
+    "!=": "==", "+=": "-=", "-=": "+=", "and": "or", "or": "and", "True": "False", "False": "True", "is": "is not",
+    "min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "cos": "sin", "sin": "cos",
+}  # fmt: skip
+TEST_FILES = 3
+"""The nearest test files of a module, which alone are run for its mutants."""
+OTHER_NAMES = {
+    "controllers/descent.py": ["controllers/test_supervisor.py"],
+    "controllers/markers.py": ["controllers/test_pid.py", "lab/test_mocap.py"],
+    "controllers/pose_screen.py": ["controllers/test_kalman.py"],
+    "controllers/rotations.py": [
+        "controllers/test_flatness.py",
+        "controllers/test_pid.py",
+        "controllers/test_offset_free.py",
+    ],
+    "controllers/splines.py": ["controllers/test_splines.py", "controllers/test_trajectories.py"],
+    "heli_twin/lab/compute.py": ["lab/test_faults.py", "lab/test_chance.py", "flights/test_flights.py"],
+    "heli_twin/lab/plant/__init__.py": ["lab/plant/test_ideal.py", "lab/plant/effects/test_effects.py"],
+}
+"""The tests of modules whose name no test file has, in `tests/`, nearest first."""
+TEST_CPU_LIMIT_S = 60
+"""Of one test, in processor time, which a busy machine does not stretch; a mutant that hangs is noticed by it."""
+LIBRARIES = """numpy scipy.optimize scipy.linalg scipy.stats scipy.integrate scipy.signal pydantic daqp threadpoolctl
+hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstandard foxglove_schemas_protobuf"""
+
+
+EQUIVALENT = {
+    (
+        "heli_twin/reporting/intervals.py",
+        "mean, low, high, n = (column[0] for column in grouped_mean(np.zeros(len(values), np.int64), values, 2))",
+    ): "one group too many is not read",
+    (
+        "heli_twin/reporting/intervals.py",
+        "variance = np.where(variance < (1e-10 * mean) ** 2, 0.0, variance)",
+    ): "differs only for a variance equal to the limit; 0 stays 0",
+    (
+        "heli_twin/metrics/response.py",
+        "if best in (0, 2 * most) or misfit[far].min() - misfit[best] <= n * TELLING**2:",
+    ): "differs only for a misfit equal to the limit in all digits",
+    (
+        "heli_twin/metrics/response.py",
+        'misfit = squares - total**2 / n - 2.0 * np.correlate(r, y, "valid") - y @ y',
+    ): "only differences of the misfit are used",
+    (
+        "heli_twin/metrics/response.py",
+        "far = np.abs(np.arange(len(misfit)) - best) > most / 2",
+    ): "a reference that repeats after half of MAX_LAG also repeats after the whole",
+    (
+        "heli_twin/metrics/measures.py",
+        '"saturated": float(np.where(at_limit >= 2.5 / len(u), at_limit, 0.0).max()),',
+    ): "whole samples are never 2.5",
+    (
+        "controllers/reference.py",
+        "value, limit = values[i, j], low[j] if values[i, j] <= low[j] else high[j]",
+    ): "a value at its limit is no trouble, and is not named",
+    (
+        "controllers/trajectories/doublets.py",
+        "jerk = (np.diff(a) / np.maximum(h, 1.5e-12))[i]",
+    ): "any small length keeps the slope of an empty stretch, 0 / 0, at 0",
+}
+"""Mutations that change nothing a test could see: (module, mutated line without its indent) to the reason."""
+EQUIVALENT_KINDS = {
+    r"\bstrict=False\b": "`strict` of `zip` guards against lengths that no caller gives",
+    r"\bn_resamples=1000\b": "one more resample of a bootstrap moves an interval by less than its own error",
+}
+"""Mutated lines of any module that change nothing a test could see, to the reason."""
+
+
+class Mutation(NamedTuple):
+    """One token of a module replaced."""
+
+    file: str
+    line: int
+    """Counted from 1."""
+    before: str
+    after: str
+    text: str
+    """The whole mutated module."""
+
+
+def replacement(token: tokenize.TokenInfo) -> str | None:
+    if token.type == tokenize.NUMBER:
+        value = ast.literal_eval(token.string)
+        return repr(value + 1) if isinstance(value, int) else repr(1.5 * value or 1.0)
+    return SWAPS.get(token.string) if token.type in (tokenize.OP, tokenize.NAME) else None
+
+
+def unmutated_lines(tree: ast.AST) -> set[int]:
+    """Of annotations, imports and decorators: bounds, units, names and slots, which other tests look at."""
+    nodes: list[ast.AST] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.AnnAssign):
+            nodes.append(node.annotation)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            nodes.append(node)
+        elif isinstance(node, ast.ClassDef):
+            nodes.extend(node.decorator_list)
+    return {line for node in nodes for line in range(node.lineno, (node.end_lineno or 0) + 1)}
+
+
+def mutations(file: Path) -> Iterator[Mutation]:
+    """Yield every mutation of a module that is valid Python."""
+    source = file.read_text(encoding="utf-8")
+    lines, left_out = source.splitlines(keepends=True), unmutated_lines(ast.parse(source))
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        new, (row, column) = replacement(token), token.start
+        if new is None or row in left_out:
+            continue
+        before = lines[row - 1]
+        after = before[:column] + new + before[token.end[1] :]
+        text = "".join([*lines[: row - 1], after, *lines[row:]])
+        try:
+            ast.parse(text)
+        except SyntaxError:
+            continue
+        yield Mutation(file.relative_to(ROOT).as_posix(), row, before.strip(), after.strip(), text)
+
+
+def modules(room: str) -> list[Path]:
+    return [ROOT / room] if room.endswith(".py") else sorted((ROOT / room).rglob("*.py"))
+
+
+def nearest_tests(file: str) -> list[str]:
+    """Return the test files of a module, nearest first: those of its name, of its folder's name, importing it."""
+    if file in OTHER_NAMES:
+        return [f"tests/{name}" for name in OTHER_NAMES[file]]
+    path = Path(file)
+    room = path.parts[int(path.parts[0] == "heli_twin")]
+    dotted = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+    names = [f"test_{dotted.rpartition('.')[2]}.py", f"test_{path.parent.name}.py"]
+    tests: list[tuple[int, int, str]] = []
+    for test in (ROOT / "tests" / room).rglob("test_*.py"):
+        text = test.read_text(encoding="utf-8")
+        if test.name in names or re.search(rf"\b{re.escape(dotted)}\b", text):
+            near = names.index(test.name) if test.name in names else len(names)
+            tests.append((near, len(text), test.relative_to(ROOT).as_posix()))
+    return [test for _, _, test in sorted(tests)[:TEST_FILES]]
+
+
+PYTEST_WORDS = ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
+"""Plugins are already imported in a fork."""
+
+
+def equivalent(mutation: Mutation) -> bool:
+    kinds = [kind for kind in EQUIVALENT_KINDS if re.search(kind, mutation.after)]
+    return (mutation.file, mutation.after) in EQUIVALENT or bool(kinds)
+
+
+class Watch:
+    """A pytest plugin: it tells which test runs, limits its processor time and leaves failures as they are."""
+
+    def __init__(self, pipe: int):
+        self.pipe = pipe
+
+    def pytest_sessionstart(self):
+        from hypothesis import Phase, settings
+
+        settings.register_profile("mutants", settings.get_profile("ci"), phases=[Phase.explicit, Phase.generate])
+        settings.load_profile("mutants")
+
+    def pytest_runtest_logstart(self, nodeid: str):
+        os.write(self.pipe, f"{nodeid}\n".encode())
+        limit = int(time.process_time()) + TEST_CPU_LIMIT_S
+        resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
+
+
+class Outcome(NamedTuple):
+    """Of some tests: pytest's exit code, or a negative signal, and the last test begun."""
+
+    code: int
+    test: str
+
+
+def tested(tests: Sequence[str]) -> Outcome:
+    """Return the outcome of tests run to the first failure, in a fork of this process."""
+    import pytest
+
+    reader, writer = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.close(reader)
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, 1)
+        os.dup2(null, 2)
+        code = 1
+        try:
+            code = int(
+                pytest.main(["-x", "-q", "-p", "no:cacheprovider", *PYTEST_WORDS, *tests], plugins=[Watch(writer)])
+            )
+        finally:
+            os._exit(code)
+    os.close(writer)
+    begun = b""
+    while part := os.read(reader, 1 << 16):
+        begun += part
+    os.close(reader)
+    lines = begun.decode().splitlines()
+    code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    return Outcome(code, lines[-1] if lines else "collection")
+
+
+def copy_of_the_repository(folder: Path) -> None:
+    for name in ("controllers", "heli_twin", "models", "tests"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    # By the hash of the source: a mutant may have the size and the second of the original.
+    words = [
+        sys.executable,
+        "-m",
+        "compileall",
+        "-q",
+        "--invalidation-mode",
+        "checked-hash",
+        "controllers",
+        "heli_twin",
+    ]
+    subprocess.run(words, cwd=folder, check=True)
+
+
+def survivors(room: str, count: int, seed: int = 0) -> Iterator[tuple[Mutation, bool, str]]:
+    """Yield of each sampled mutation whether it survives its tests, and the test that notices it.
+
+    Raises:
+        RuntimeError: A test that fails with a mutant fails without it too.
+    """
+    every = [mutation for file in modules(room) for mutation in mutations(file)]
+    sample = random.Random(seed).sample(every, min(count, len(every)))
+    sound: set[str] = set()
+    for mutation in sample:
+        if equivalent(mutation):
+            continue
+        mutated = Path(mutation.file)
+        original = mutated.read_text(encoding="utf-8")
+        mutated.write_text(mutation.text, encoding="utf-8")
+        tests = nearest_tests(mutation.file)
+        outcome = tested(tests)
+        mutated.write_text(original, encoding="utf-8")
+        test = "" if outcome.code == 0 else outcome.test
+        if test and test not in sound:
+            if tested([test] if "::" in test else ["--collect-only", *tests]).code != 0:
+                raise RuntimeError(f"{test} of {tests} fails without a mutation too")
+            sound.add(test)
+        yield mutation, outcome.code == 0, test + " (out of time)" * (outcome.code == -signal.SIGXCPU)
+
+
+def prepare(folder: Path) -> None:
+    """Import the libraries, and go where the mutants are tested."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    os.environ["PYTHONPATH"] = str(folder)
+    os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+    sys.dont_write_bytecode = True
+    for library in LIBRARIES.split():
+        __import__(library)
+    sys.path[0] = str(folder)
+    os.chdir(folder)
+
+
+def main(room: str, count: str = "50", seed: str = "0") -> None:
+    """Print one line a mutant: its outcome, module, line, test and time; then, for survivors, both lines."""
+    with tempfile.TemporaryDirectory() as name:
+        copy_of_the_repository(Path(name))
+        prepare(Path(name))
+        began = time.monotonic()
+        for mutation, survives, test in survivors(room, int(count), int(seed)):
+            place = f"{time.monotonic() - began:4.0f} s  {mutation.file}:{mutation.line}"
+            lines = f"\n    - {mutation.before}\n    + {mutation.after}"
+            print(f"SURVIVES {place}{lines}" if survives else f"killed   {place}  {test}", flush=True)
+            began = time.monotonic()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
