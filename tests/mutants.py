@@ -66,7 +66,7 @@ EQUIVALENT = {
     ): "differs only for a variance equal to the limit; 0 stays 0",
     (
         "heli_twin/metrics/response.py",
-        "if best in (0, 2 * most) or misfit[far].min() - misfit[best] <= n * TELLING**2:",
+        "if best in (0, 2 * most) or misfit[far].min() - misfit[best] <= n * DISTINCT_RMS**2:",
     ): "differs only for a misfit equal to the limit in all digits",
     (
         "heli_twin/metrics/response.py",
@@ -75,11 +75,11 @@ EQUIVALENT = {
     (
         "heli_twin/metrics/response.py",
         "far = np.abs(np.arange(len(misfit)) - best) > most / 2",
-    ): "a reference that repeats after half of MAX_LAG also repeats after the whole",
+    ): "a reference that repeats after half of MAX_LAG_S also repeats after the whole",
     (
-        "heli_twin/metrics/measures.py",
-        '"saturated": float(np.where(at_limit >= 2.5 / len(u), at_limit, 0.0).max()),',
-    ): "whole samples are never 2.5",
+        "heli_twin/lab/faults/pose_half_rate.py",
+        "frame -= 1",
+    ): "a count is divided by `every` without a rest whichever way it is counted",
     (
         "controllers/reference.py",
         "value, limit = values[i, j], low[j] if values[i, j] <= low[j] else high[j]",

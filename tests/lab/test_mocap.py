@@ -46,6 +46,7 @@ def test_every_mocap_looks_at_its_rate_and_stamps_what_it_saw(kind):
 
 def test_off_sees_the_truth():
     cameras = PerfectMocap(latency=0.04).start(np.random.default_rng(0))
+    assert cameras.due == 0
     arrival = cameras.capture(0, TRUTH)
     assert arrival.at == 40 * MS
     np.testing.assert_array_equal(arrival.pose.position, TRUTH.position)
@@ -130,6 +131,7 @@ def test_phases_differ_from_flight_to_flight():
 def test_a_turn_about_the_mast_turns_the_heading(yaw, angle):
     level = np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)])
     quat = rotated(level, np.array([0, 0, angle]))
+    assert np.linalg.norm(rotated(quat, np.array([0.3, -0.8, 0.5]))) == pytest.approx(1.0, abs=1e-15)
     assert np.linalg.norm(quat) == pytest.approx(1.0, abs=1e-15)
     off = (heading(quat) - yaw - angle + np.pi) % (2 * np.pi) - np.pi
     # The small angle's own error: angle^3 / 12.

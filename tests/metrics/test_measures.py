@@ -94,6 +94,11 @@ def test_tilt_is_the_angle_between_mast_and_vertical(degrees: float, axis: float
     assert measures(log_of(quat_wxyz=quat))["tilt.max"] == pytest.approx(np.radians(degrees), abs=1e-7)
 
 
+def test_a_quaternion_a_last_digit_too_long_has_a_tilt():
+    quat = np.tile([0.0, np.nextafter(1.0, 2.0), 0.0, 0.0], (SAMPLES, 1))
+    assert measures(log_of(quat_wxyz=quat))["tilt.max"] == pytest.approx(np.pi, abs=1e-12)
+
+
 def test_effort_and_variation_of_an_input_that_alternates():
     u = np.tile(HOVER, (SAMPLES, 1))
     u[:, 0] = 0.1 + 0.2 * (np.arange(SAMPLES) % 2)
@@ -154,6 +159,15 @@ def test_the_phase_lag_leaves_out_the_start():
     error[:LEFT_OUT, 1] = 5.0
     # A parabola through three samples of a sinusoid's misfit.
     assert measures(log_of(error, planned))["phase_lag.y"] == pytest.approx(0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize(("samples", "moves"), [(100, False), (101, False), (102, True), (126, True)])
+def test_inputs_that_end_with_the_start_have_no_measures(samples, moves):
+    recorder = Recorder()
+    for k in range(samples):
+        recorder.sent(k * PERIOD_NS, Command(k * PERIOD_NS, np.array(HOVER)))
+    recorder.close("completed", samples * PERIOD_NS)
+    assert measures(recorder.log())["effort"] == (0.0 if moves else None)
 
 
 def test_a_flight_without_data_has_no_metrics():

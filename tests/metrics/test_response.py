@@ -72,8 +72,8 @@ def test_a_decaying_error_has_settled_when_it_is_within_the_band():
 
 
 def test_only_what_stays_has_settled():
-    assert BAND == 0.1
-    distance = np.full(1001, BAND)
+    assert SETTLED_BAND_M == 0.1
+    distance = np.full(1001, SETTLED_BAND_M)
     assert settling_time(TIME, distance) == 0.0
     distance[500] = 2 * SETTLED_BAND_M
     assert settling_time(TIME, distance) == pytest.approx(TIME[501], abs=1e-12)

@@ -1,5 +1,4 @@
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,11 +93,6 @@ def test_a_flight_that_was_over_before_has_no_errors_and_is_still_json():
         assert found[key] == {"p50": None, "p99": None, "max": None}
     assert found["qp_status"] == {}
     json.dumps(found, allow_nan=False)
-
-
-def test_a_log_without_an_ending_has_no_duration():
-    log = replace(log_of(np.zeros((5, 4))), ending={})
-    assert metrics(log)["duration"] == 0.0
 
 
 def test_control_problems_are_counted_by_how_they_were_solved():

@@ -86,6 +86,16 @@ def test_ten_percent_more_mass_needs_ten_percent_more_throttle():
     assert held(0, 5.0, heavy).velocity[2] == pytest.approx(-GRAVITY * 5.0 * 0.1 / 1.1, abs=0.06)
 
 
+def test_a_helicopter_too_heavy_to_hover_has_full_throttle_as_its_trim():
+    assert MuJoCo(mass=2.0 * NOMINAL.mass).trim[2] == 1.0
+
+
+def test_a_flat_plate_is_a_rigid_body():
+    """Its inertia about its normal is the sum of the two others, whose double is exact."""
+    plate = MuJoCo(inertia_xx=3e-5, inertia_yy=3e-5, inertia_zz=6e-5)
+    assert plate.inertia_zz == 2 * plate.inertia_xx
+
+
 def test_it_starts_in_the_state_it_is_given():
     x = np.array([0.3, -0.2, 1.0, 2.5, 0.5, -0.4, 0.1, 1.5])
     truth = NOMINAL.start(x).truth()

@@ -173,6 +173,13 @@ def flown_empty(spec, seconds, throttle=HOVER[2]):
     return readings, plant
 
 
+def test_the_voltage_of_a_cell_without_load_falls_with_its_charge():
+    # A lithium-polymer cell, by tenths.
+    volts = [open_voltage(charge) for charge in np.arange(11) / 10]
+    assert volts == pytest.approx([3.00, 3.60, 3.69, 3.74, 3.77, 3.80, 3.84, 3.90, 3.97, 4.06, 4.20], abs=1e-12)
+    assert open_voltage(0.05) == pytest.approx(3.45, abs=1e-12)
+
+
 def test_a_full_battery_gives_the_nominal_thrust_and_a_low_one_needs_more_throttle():
     assert trim_of(twin(BatterySpec()))[2] == pytest.approx(HOVER[2], rel=1e-12)
     low = BatterySpec(charge=0.3)
