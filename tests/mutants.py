@@ -256,14 +256,14 @@ def survivors(room: str, count: int, seed: int = 0) -> Iterator[tuple[Mutation, 
     """
     every = [mutation for file in modules(room) for mutation in mutations(file)]
     sample = random.Random(seed).sample(every, min(count, len(every)))
-    sound: set[str] = set()
+    nearest, sound = {mutation.file: nearest_tests(mutation.file) for mutation in sample}, set[str]()
     for mutation in sample:
         if equivalent(mutation):
             continue
         mutated = Path(mutation.file)
         original = mutated.read_text(encoding="utf-8")
         mutated.write_text(mutation.text, encoding="utf-8")
-        tests = nearest_tests(mutation.file)
+        tests = nearest[mutation.file]
         outcome = tested(tests)
         mutated.write_text(original, encoding="utf-8")
         test = "" if outcome.code == 0 else outcome.test

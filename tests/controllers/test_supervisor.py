@@ -196,6 +196,14 @@ def test_a_descent_is_brisk_and_meets_the_floor_slowly(height, speed, sink, touc
         assert min(slow) >= -min(touch, sink) - 5.0 * PERIOD
 
 
+def test_a_descent_brakes_at_its_acceleration_down_to_its_touch_speed():
+    descent = Descent(10.0, 0.4, 0.05, 5.0, -0.005, 0.045)
+    # v^2 = 0.4^2 + 2 * 5 * h at h above where it is slow.
+    for above in (0.0, 0.3, 1.0):
+        speed = -np.sqrt(0.16 + 10.0 * above)
+        assert descent.step(0.095 + above, speed, PERIOD)[1] == pytest.approx(speed, rel=1e-12)
+
+
 def test_a_descending_reference_satisfies_the_dynamics_in_height():
     descent = Descent(1.2, 0.4, 0.05, 5.0, -0.005, 0.045)
     reference = descend(hold(MODEL, 0, 60, np.array([0, 0, 0.8, 0])), MODEL, descent, -0.2, PERIOD)
