@@ -286,7 +286,7 @@ def assert_same(one, other):
 
 
 # The second turns at 4 rad/s while it leans by 0.17 rad to the side.
-@pytest.mark.parametrize("inputs", [wobbly(1500), np.tile(HOVER + [0.0, 0.8, 0.0, 0.2], (1500, 1))])
+@pytest.mark.parametrize("inputs", [wobbly(1500), np.tile(np.add(HOVER, [0.0, 0.8, 0.0, 0.2]), (1500, 1))])
 def test_truth_is_consistent(inputs):
     before, after = fly(NOMINAL, at(5.0, yaw_rate=2.0), inputs, period=MS)[-2:]
     # The integrator moves positions with the newest velocity.
