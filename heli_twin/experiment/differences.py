@@ -42,7 +42,8 @@ def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
         elif old is None:
             # Only disturbances, faults and effects can be added and removed.
             yield Change(path, "off", _added(key, value), is_member=True)
-            yield from changes(_defaults(path, _added(key, value)), value, f"{path}.")
+            if OWN not in value:
+                yield from changes(_defaults(path, _added(key, value)), value, f"{path}.")
         elif value.get("kind") != before[key].get("kind"):
             yield Change(path, before[key]["kind"], value["kind"], is_member=True)
             if OWN not in value:

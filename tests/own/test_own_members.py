@@ -99,7 +99,9 @@ def test_a_log_needs_the_class_to_fly_again_and_for_nothing_else(
     families._named.clear()
     capsys.readouterr()
     assert main(["info", str(run)]) == 0
-    assert "MyLaw" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "MyLaw" in out
+    assert "disturbances.up=thermal" in out
     assert main(["replay", str(run), "--save", str(mine / "x.rrd")]) == 0
     assert main(["export", str(run), "--parquet", str(mine / "tables")]) == 0
     assert main(["refly", str(run)]) == 2
