@@ -40,6 +40,7 @@ OTHER_NAMES = {
     "controllers/markers.py": ["controllers/test_pid.py", "lab/test_mocap.py"],
     "controllers/pose_screen.py": ["controllers/test_kalman.py"],
     "controllers/rotations.py": [
+        "controllers/test_rotations.py",
         "controllers/test_flatness.py",
         "controllers/test_pid.py",
         "controllers/test_offset_free.py",
@@ -80,6 +81,18 @@ EQUIVALENT = {
         "heli_twin/lab/faults/pose_half_rate.py",
         "frame -= 1",
     ): "a count is divided by `every` without a rest whichever way it is counted",
+    (
+        "controllers/estimators/kalman.py",
+        "if unseen < 0.0 or not self._spec.withstand_faults:",
+    ): "at 0 the disturbance has not faded",
+    (
+        "controllers/proxqp.py",
+        "self._qp = proxqp.dense.QP(len(sample.g), 1, len(sample.C), True)",
+    ): "one equation more, 0 x = 0",
+    (
+        "controllers/trajectories/doublets.py",
+        'i = np.minimum(np.searchsorted(knots, since, side="right") - 1, len(h) + 1)',
+    ): "a time modulo the last knot lies before it",
     (
         "controllers/reference.py",
         "value, limit = values[i, j], low[j] if values[i, j] <= low[j] else high[j]",

@@ -75,6 +75,16 @@ def test_every_module_begins_by_saying_what_it_is_for(file):
         assert ast.get_docstring(ast.parse((ROOT / file).read_text(encoding="utf-8"))), file
 
 
+def test_blocks_are_frozen_and_have_slots():
+    """A misspelt field is an error at once, and a block that is shared cannot be changed."""
+    for file in modules():
+        if file.startswith(("controllers/", "heli_twin/lab/")):
+            for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
+                for decorator in node.decorator_list if isinstance(node, ast.ClassDef) else []:
+                    if (text := ast.unparse(decorator)).startswith("dataclass"):
+                        assert text == "dataclass(frozen=True, slots=True)", file
+
+
 def test_tests_are_files_and_no_package():
     """With `__init__.py` they would be imported from the checkout instead of from where the tests are."""
     assert not list((ROOT / "tests").rglob("__init__.py"))

@@ -1,5 +1,5 @@
 from dataclasses import replace
-from math import cos, pi, sin
+from math import cos, exp, pi, sin
 
 import numpy as np
 import pytest
@@ -430,3 +430,6 @@ def test_while_nobody_looks_the_disturbance_fades_to_its_mean():
     assert blind[0] == pytest.approx(0.3, rel=0.2)
     assert (np.diff(blind) <= 0).all()
     assert blind[-1] == pytest.approx(0.13, abs=0.03)
+    # From 0.1 s after the last pose on; control steps are 20 ms apart.
+    fades = np.diff(blind[10:])
+    np.testing.assert_allclose(fades[1:] / fades[:-1], exp(-0.02 / Kalman().gust_time), rtol=1e-6)

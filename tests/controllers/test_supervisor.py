@@ -108,6 +108,16 @@ def test_seen_on_the_floor_the_motors_stop_and_seen_above_it_they_do_not():
     assert station.fly(0.2).phase == "landed"
 
 
+@pytest.mark.parametrize(
+    ("above", "speed", "phase"),
+    [(0.019, 0.0, "landed"), (0.021, 0.0, "landing"), (0.0, -0.149, "landed"), (0.0, -0.151, "landing")],
+)
+def test_it_stands_within_two_centimetres_of_the_floor_and_below_15_cm_s(above, speed, phase):
+    station = Station().fly(1.0).fly(1.2, poses=False)
+    station.x[2], station.x[6] = 0.045 + above, speed
+    assert station.fly(0.2).phase == phase
+
+
 def test_without_a_solver_it_lands_level_by_its_own_thrust():
     station = Station().fly(1.0)
     station.status = "shifted_plan"

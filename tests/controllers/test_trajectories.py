@@ -138,6 +138,13 @@ def test_defaults_are_the_paper_s_where_it_names_them():
         assert trajectory.ramp == 2.0
 
 
+def test_the_default_waypoints_go_round_a_square():
+    x, y, z, yaw = np.array(Waypoints().points).T
+    np.testing.assert_array_equal(np.stack([x, y]), 0.8 * np.array([[0, 1, 1, 0, 0], [0, 0, 1, 1, 0]]))
+    np.testing.assert_array_equal(z, [0.8, 1.2, 1.2, 0.8, 0.8])
+    np.testing.assert_allclose(yaw, [0, 0, pi / 2, pi, 0], atol=1e-5)
+
+
 def test_a_doublet_moves_by_its_acceleration_and_the_second_pair_is_shorter():
     flat = Doublets(x=1.0, y=0.5, plane_pulse=2.0, edge=0.25).flat(np.array([0.0, 4.0, 8.0, 10.8, 13.6]))
     # From rest to rest in two pulses T by a (1 - edge) T^2 = 3 m, and with 0.7 T by 0.49 of it; midway is the origin.
