@@ -105,6 +105,7 @@ EQUIVALENT = {
 """Mutations that change nothing a test could see: (module, mutated line without its indent) to the reason."""
 EQUIVALENT_KINDS = {
     r"\bstrict=False\b": "`strict` of `zip` guards against lengths that no caller gives",
+    r"\brng=1\b": "another draw of the same bootstrap",
     r"\bn_resamples=1000\b": "one more resample of a bootstrap moves an interval by less than its own error",
 }
 """Mutated lines of any module that change nothing a test could see, to the reason."""

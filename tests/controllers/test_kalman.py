@@ -294,6 +294,16 @@ def test_a_stale_pose_is_refused(age):
         np.testing.assert_array_equal(a, b)
 
 
+def test_after_the_first_pose_the_motion_is_unknown():
+    spec = Kalman(command_delay=0.0)
+    kalman = spec.start(MODEL)
+    kalman.receive(0, pose_of(AT_REST, 0))
+    seen, seen_yaw = spec.position_noise**2, spec.yaw_noise**2
+    # 1 m/s, 3 rad/s, 0.3 m/s^2 and 3 rad/s^2, standard deviations.
+    expected = [[seen, 1.0, 0.09]] * 3 + [[seen_yaw, 9.0, 9.0]]
+    np.testing.assert_allclose(kalman.estimate(0).variance, expected, rtol=1e-12)
+
+
 def test_errors_are_as_large_as_the_filter_says():
     """A helicopter without drag that is pushed about exactly as the filter believes, 300 times."""
     spec = Kalman(command_delay=0.0, gate=1e9)

@@ -6,11 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controllers import reference
 from controllers.errors import InfeasibleTrajectory
 from controllers.flatness import FlatOutput, feed_forward, state
 from controllers.model import Model
 from controllers.reference import ReferencePreview, check_feasible
 from controllers.trajectories.circle import Circle
+from controllers.trajectories.hover import Hover
 from heli_twin.experiment.families import members
 
 MS = 1_000_000
@@ -104,6 +106,18 @@ def test_the_first_trouble_is_named_whatever_its_kind():
 
     with pytest.raises(InfeasibleTrajectory, match=r"at t = 3\.00 s it needs vertical speed"):
         check_feasible(FastThenHard(), Model(), 10.0, 0.02)
+
+
+def test_the_last_sample_of_a_flight_is_checked_where_it_is_the_first_of_a_block():
+    class Sinks:
+        def flat(self, t):
+            flat = Hover().flat(t)
+            return flat._replace(z=flat.z - np.outer(t >= end, [0.0, 0.0, 2.0, 0.0]))
+
+    end = reference._BLOCK_SAMPLES * 0.02
+    with pytest.raises(InfeasibleTrajectory, match="floor"):
+        check_feasible(Sinks(), Model(), end, 0.02)
+    check_feasible(Sinks(), Model(), end - 0.02, 0.02)
 
 
 @pytest.mark.parametrize("trajectory", INFEASIBLE.values(), ids=list(INFEASIBLE))

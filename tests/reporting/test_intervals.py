@@ -107,6 +107,9 @@ def test_equal_values_have_no_scatter():
     assert tuple(mean_interval(np.full(3, 0.1))) == (pytest.approx(0.1), pytest.approx(0.1), pytest.approx(0.1), 3)
     found = mean_interval(np.full(7, 0.1))
     assert found.low == found.high
+    for value in (1.1e-7, 1.3e-7, 1.7e-7):
+        tiny = mean_interval(np.full(7, value))
+        assert tiny.low == tiny.high
 
 
 def test_the_scatter_of_tiny_values_is_no_rounding():
