@@ -21,7 +21,13 @@ RUNS_PER_PROCESS = 200
 """After so many runs a process is replaced by a fresh one, whatever its libraries have leaked."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 PRELOADED_MODULES = [
-    *("heli_twin.mission", "heli_twin.studies.columns", "mujoco", "proxsuite", "numpy", "heli_twin.studies.work")
+    "heli_twin.workers.quiet_start",
+    "heli_twin.mission",
+    "heli_twin.studies.columns",
+    "heli_twin.studies.work",
+    "mujoco",
+    "numpy",
+    "proxsuite",
 ]
 """Imported once in the process from which workers are forked; it never starts a thread or flies."""
 
