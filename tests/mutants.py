@@ -38,7 +38,7 @@ TEST_FILES = 3
 OTHER_NAMES = {
     "controllers/descent.py": ["controllers/test_supervisor.py"],
     "controllers/markers.py": ["controllers/test_pid.py", "lab/test_mocap.py"],
-    "controllers/pose_screen.py": ["controllers/test_kalman.py"],
+    "controllers/pose_screen.py": ["controllers/test_pose_screen.py", "controllers/test_kalman.py"],
     "controllers/rotations.py": [
         "controllers/test_rotations.py",
         "controllers/test_flatness.py",
@@ -93,6 +93,14 @@ EQUIVALENT = {
         "controllers/trajectories/doublets.py",
         'i = np.minimum(np.searchsorted(knots, since, side="right") - 1, len(h) + 1)',
     ): "a time modulo the last knot lies before it",
+    (
+        "heli_twin/identification/fit.py",
+        "if own.std() <= needs.input:",
+    ): "differs only for an excitation equal to the limit in all digits",
+    (
+        "heli_twin/identification/fit.py",
+        "if same >= 1.0 - MIN_OWN_VARIANCE:",
+    ): "differs only for a share equal to the limit in all digits",
     (
         "controllers/reference.py",
         "value, limit = values[i, j], low[j] if values[i, j] <= low[j] else high[j]",

@@ -12,6 +12,7 @@ from heli_twin.identification.fit import (
     _directions,
     check_answer,
     excited,
+    fit_axis,
     half_widths,
 )
 from heli_twin.identification.identify import Identified
@@ -113,3 +114,20 @@ def test_a_saved_model_has_no_negative_damping():
     found = Identified({"x": fit(b=(2.0, 0.1), k=(0.04, 0.09))}, ("flight",), 10.0)
     assert found.as_toml().splitlines()[-2:] == ["b_x = 2  # 1.9 to 2.1", "k_x = 0  # -0.05 to 0.13"]
     assert found.as_json()["parameters"]["k_x"] == {"value": 0.04, "interval": pytest.approx([-0.05, 0.13])}
+
+
+def test_a_delay_has_the_half_width_of_a_shifted_sine():
+    t = 0.1 * np.arange(400)
+    speed, noise = np.cos(1.3 * t), np.random.default_rng(0).normal(0.0, 0.05, 400)
+    accel = 2.0 * np.sin(3.0 * (t - 0.1)) - 0.5 * speed + noise
+
+    def shifted(delay, lag):
+        return np.sin(3.0 * (t - delay))
+
+    answer = fit_axis("x", [Stretch("flight", t, {"x": Equation(accel, shifted, speed, np.ones((400, 1)))})])
+    width = 0.5 * (answer.delay.high - answer.delay.low)
+    # 2 sin(3 t) changes by 6 / sqrt(2), rms, per second of delay: 0.05 over that and the root of 400, times the
+    # critical value of 1.96 + 2.97 * 30 / 400. Thirty estimated correlations of white noise scatter by a third.
+    assert width == pytest.approx(2.18 * 0.05 / (6.0 / np.sqrt(2.0) * 20.0), rel=0.5)
+    assert answer.delay.value == pytest.approx(0.1, abs=2 * width)
+    assert [len(residual) for residual in answer.residual] == [400]

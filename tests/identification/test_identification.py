@@ -69,6 +69,19 @@ def misses(result, model=MODEL):
     return {name: p.value / getattr(model, name) - 1.0 for name, p in result.parameters.items()}
 
 
+def test_a_quaternion_of_any_length_is_the_same_attitude():
+    log = flown(2, seconds=8.0)
+    log.pose.quat_wxyz[:] = [np.cos(0.2), np.sin(0.2), 0.0, 0.0]
+    long = SimpleNamespace(
+        pose=SimpleNamespace(**vars(log.pose) | {"quat_wxyz": 2 * log.pose.quat_wxyz}), sent=log.sent
+    )
+    (one,), (other,) = stretches(log, "one"), stretches(long, "other")
+    np.testing.assert_allclose(other.axes["z"].input(0.0, 0.0), one.axes["z"].input(0.0, 0.0), rtol=1e-12)
+    # Leaning by 0.4 rad, cos(0.4) of the thrust lifts.
+    level = next(stretches(flown(2, seconds=8.0), "level")).axes["z"].input(0.0, 0.0)
+    np.testing.assert_allclose(one.axes["z"].input(0.0, 0.0), np.cos(0.4) * level, rtol=1e-9)
+
+
 @pytest.mark.parametrize("model", [MODEL, OTHER])
 @pytest.mark.parametrize(("heading", "turn"), [(0.0, 0.0), (2.5, 0.0), (-1.0, 0.02)])
 def test_a_model_is_recovered_from_its_own_flights(model, heading, turn):
