@@ -21,9 +21,11 @@ InputWeight = Annotated[float, Gt(0)]
 
 @dataclass(frozen=True, slots=True)
 class LtvMpc:
-    """LTV-MPC with the paper's horizon and weights (30).
+    """LTV-MPC with the paper's horizon and weights.
 
     The Riccati terminal weight leaves out integral states that have no gain `k_i` or no weight in Q.
+
+    The defaults are the paper's horizon and weights (30).
     """
 
     kind: Literal["ltv_mpc"] = "ltv_mpc"
