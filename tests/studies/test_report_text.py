@@ -173,18 +173,18 @@ def test_a_place_that_is_taken_is_told(tmp_path, taken):
 
 READ_ONLY = """
 mount --bind {0} {0} && mount -o remount,bind,ro {0} || exit 77
-{python} -m heli_twin study status {0} && {python} -m heli_twin study worst {0} && {python} -m heli_twin study report {0} --out {1}
+{heli_twin} study status {0} && {heli_twin} study worst {0} && {heli_twin} study report {0} --out {1}
 echo code $?
-{python} -m heli_twin study report {0}
+{heli_twin} study report {0}
 echo code $?
-{python} -m heli_twin study run {2} --out {0}
+{heli_twin} study run {2} --out {0}
 echo code $?
 """
 
 
 def test_a_finished_study_on_read_only_media_can_be_read(tmp_path):
     folder = flown(tmp_path / "study")
-    script = READ_ONLY.format(folder, tmp_path / "away", "ladder", python=sys.executable)
+    script = READ_ONLY.format(folder, tmp_path / "away", "ladder", heli_twin=f"{sys.executable} -m heli_twin")
     done = subprocess.run(["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False)
     if done.returncode == 77 or "unshare:" in done.stderr:
         pytest.skip("this system has no name spaces of mounts for users")
