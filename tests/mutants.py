@@ -102,6 +102,10 @@ EQUIVALENT = {
         "if same >= 1.0 - MIN_OWN_VARIANCE:",
     ): "differs only for a share equal to the limit in all digits",
     (
+        "heli_twin/lab/plant/effects/payload.py",
+        "apart = hook + empty[1]",
+    ): "the hook is below the mast and the empty centre of gravity beside it: their distance has the same squares",
+    (
         "controllers/reference.py",
         "value, limit = values[i, j], low[j] if values[i, j] <= low[j] else high[j]",
     ): "a value at its limit is no trouble, and is not named",

@@ -347,6 +347,19 @@ def test_a_payload_is_carried_from_pick_up_to_drop(string):
     assert taken[-1] - 5.0 == pytest.approx(-0.5 * GRAVITY * 2 / 30 * 2.0**2, rel=0.02)
 
 
+def test_a_fixed_payload_moves_the_centre_of_gravity_and_adds_its_inertia():
+    alone = twin(CogOffset(x=0.004))._model.body("fuselage")
+    plant = twin(CogOffset(x=0.004), Payload(string=0.0, mass=0.007))
+    plant.advance(20 * MS, trim_of(plant), STILL_AIR)
+    loaded, m = plant._model.body("fuselage"), float(alone.mass[0])
+    share = 0.007 / (m + 0.007)
+    # The hook is between the skids, 1.5 mm above the floor when it stands: 43.5 mm below the mast's foot.
+    np.testing.assert_allclose(loaded.ipos, [0.004 * (1.0 - share), 0.0, -0.0435 * share], atol=1e-15)
+    # Parallel axes, with the reduced mass: 4 mm and 43.5 mm apart.
+    x2, z2 = 0.004**2, 0.0435**2
+    np.testing.assert_allclose(loaded.inertia - alone.inertia, m * share * np.array([z2, x2 + z2, x2]), rtol=1e-9)
+
+
 def test_a_payload_swings_as_a_pendulum():
     plant = twin(Payload(mass=1e-4, string=0.5), x=at(20.0, vx=0.3))
     # The helicopter is 280 times heavier: let it stand still, and the payload swings under it.
