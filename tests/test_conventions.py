@@ -64,7 +64,11 @@ def test_a_flight_does_not_load_what_it_does_not_need():
 def test_help_comes_at_once():
     """Heavy imports belong inside what a command runs."""
     say = "from heli_twin.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass"
-    done = run(code=LOADED.format(say, ["mujoco", "rerun", "scipy", "pyarrow", "distributed", "pebble"]))
+    done = run(
+        code=LOADED.format(
+            say, ["mujoco", "proxsuite", "pydantic", "rerun", "scipy", "pyarrow", "distributed", "pebble"]
+        )
+    )
     assert done.stdout.startswith("usage: heli-twin")
     assert done.stdout.endswith("\n[]\n")
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar, say
-from heli_twin.flight import INTACT
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -39,6 +38,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 def run(parsed: Namespace) -> int:
     """Fly; the exit code is 0 when the flight completed, 1 when it ended early or its log could not be kept."""
     from heli_twin.experiment.text import load
+    from heli_twin.flight import INTACT
     from heli_twin.mission import fly
 
     experiment = load(*experiment_arguments(parsed))
