@@ -6,4 +6,9 @@ the driver is told of every worker that did not start.
 
 import sys
 
-sys.excepthook = lambda *error: None
+
+def _print_nothing(*error: object) -> None:
+    pass
+
+
+sys.excepthook = _print_nothing
