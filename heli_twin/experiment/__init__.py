@@ -12,7 +12,6 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 from controllers.estimators import EstimatorSpec
 from controllers.estimators.kalman import Kalman
 from controllers.laws import ControlLaw
-from controllers.laws.ltv_mpc import LtvMpc
 from controllers.markers import EachOf, Named, OneOf
 from controllers.supervisors import SupervisorSpec
 from controllers.supervisors.off import NoSupervisor
@@ -27,6 +26,11 @@ from heli_twin.lab.mocap import MocapSpec, Vicon
 from heli_twin.lab.plant import PlantSpec
 from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.lab.radio import Dsm2, RadioSpec
+from heli_twin.whole_file import uninterrupted
+
+# Ctrl-C in the middle of its import would make ProxSuite's C++ abort the process.
+with uninterrupted():
+    from controllers.laws.ltv_mpc import LtvMpc
 
 
 @dataclass(frozen=True, slots=True)
