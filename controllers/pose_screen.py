@@ -16,16 +16,16 @@ Verdict = Literal["fuse", "refuse", "restart"]
 
 
 class ScreenSettings(NamedTuple):
-    """What a screen goes by."""
+    """Settings of a screen."""
 
     gate: float
     """Squared innovation over its variance that refuses a pose."""
     reset_after: int
     """Refused poses in a row after which the estimator restarts."""
     withstand_faults: bool
-    """Whether to recognise poses that jump, flip or freeze."""
+    """Recognise poses that jump, flip or freeze."""
     jump_time: int
-    """How long a jump has to last before the estimator restarts, ns."""
+    """Duration of a jump after which the estimator restarts, ns."""
     noise: Array
     """(4,) believed standard deviations of x y z (m) and yaw (rad)."""
     stray_rates: Array
@@ -53,7 +53,7 @@ class PoseScreen:
         self._refused_in_a_row, self._is_flipped = 0, False
 
     def is_frozen(self, pose: Pose, innovation: Array) -> bool:
-        """Whether a pose is the last one with a new stamp.
+        """Return whether a pose is the last one with a new stamp.
 
         No two poses of noisy cameras are equal. Those of exact cameras are where the helicopter stands still: then the
         prediction agrees to less than a thousandth of the believed noise.
@@ -64,7 +64,7 @@ class PoseScreen:
         return bool((np.abs(innovation) > 1e-3 * self._settings.noise).any())
 
     def judge(self, stamp: int, fused_stamp: int, innovation: Array, variance: Array) -> tuple[Verdict, Array]:
-        """What to do with a pose.
+        """Decide whether a pose is used, corrected or refused.
 
         Args:
             stamp: When it was captured, ns.
@@ -106,6 +106,6 @@ class PoseScreen:
         return bool((innovation * innovation > self._settings.gate * variance).any())
 
     def _within_reach(self, moved: Array, time: int) -> bool:
-        """Whether a helicopter can stray so far from its prediction in a time (ns)."""
+        """Return whether a helicopter can stray so far from its prediction in a time (ns)."""
         moved = np.array([*moved[:3], wrap_angle(moved[3])])
         return bool((np.abs(moved) <= self._noise_reach + 1e-9 * time * self._settings.stray_rates).all())

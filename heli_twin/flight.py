@@ -27,7 +27,7 @@ INTACT = ("completed", "landed")
 
 
 class Outcome(NamedTuple):
-    """How a flight ended. Data, not an exception."""
+    """The end of a flight: data, not an exception."""
 
     kind: OutcomeKind
     time: int
@@ -238,6 +238,6 @@ TIPPED_COS = cos(radians(45.0))
 HARD_LANDING_M_S = 1.0
 """Speed of a touch-down that breaks something: a fall from 5 cm."""
 REST_NS = 1_000_000_000
-"""How long a flight is recorded after the landing."""
+"""Duration of the record after the landing."""
 FLOOR_MARGIN_M = 0.15
 """A plan below this height may touch the floor; the skids hang about 5 cm below the centre of gravity."""

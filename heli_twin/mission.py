@@ -56,7 +56,7 @@ class Result:
     """One sentence that says why the log file could not be written, or empty; the flight is complete anyway."""
 
     solver_trouble: str = ""
-    """Why the digest may differ in other processes, one sentence, or empty: `controllers.proxqp.BUILD_TROUBLE`."""
+    """The reason why the digest may differ in other processes, or empty: `controllers.proxqp.BUILD_TROUBLE`."""
 
     @cached_property
     def log(self) -> Log:

@@ -56,7 +56,7 @@ class Kalman:
 
     @property
     def lead(self) -> float:
-        """How far ahead of the control time its estimates hold, s."""
+        """Time from the control step to the moment for which its estimates hold, s."""
         return self.command_delay if self.roll_forward else 0.0
 
     def start(self, model: Model) -> "KalmanFilter":

@@ -23,7 +23,7 @@ class Event(NamedTuple):
 
 
 class Order(NamedTuple):
-    """What to fly in this control step."""
+    """The order of a supervisor for one control step."""
 
     reference: Reference | None = None
     """For the controller, from the estimate's stamp on; None before the first estimate."""

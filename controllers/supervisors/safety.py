@@ -16,7 +16,7 @@ from controllers.signals import Array, Command, Estimate, Reference, nanoseconds
 from controllers.supervisors import Event, Order, Phase
 
 UNSOLVED = ("shifted_plan", "safe_hover")
-"""How a control problem was not solved."""
+"""Statuses of a control problem that was not solved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ class SafetySupervisor:
         return "off the floor" if self._has_begun else "in the air from the start"
 
     def _trouble(self, now: int, unseen: float, estimate: Estimate | None) -> str:
-        """Why to land, empty for no reason."""
+        """Return the reason to land, empty for none."""
         spec = self._spec
         if unseen > spec.land_after:
             return f"no pose for {unseen:.2f} s"
@@ -177,7 +177,7 @@ class SafetySupervisor:
         return is_planned and self._stands(now, estimate, False)
 
     def _stands(self, now: int, estimate: Estimate | None, is_blind: bool) -> bool:
-        """Whether it has been on the floor for a while; without poses, whether the descent has ended."""
+        """Return whether it has been on the floor for a while or, without poses, whether the descent has ended."""
         spec = self._spec
         stands = is_blind and float(self._place[2]) <= self._descent.bottom
         if estimate is not None and not is_blind:

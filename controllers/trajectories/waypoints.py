@@ -20,7 +20,7 @@ Point = tuple[float, float, float, float]
 _SHORTEST_LEG_S = 0.1
 """Duration of a leg between two equal points, s."""
 _LONGEST_LEG_S = 1000.0
-"""Where the search for a duration ends, s; if a leg needs more, `check_feasible` refuses the flight and says why."""
+"""Longest duration that the search tries, s; if a leg needs more, `check_feasible` refuses the flight and says why."""
 
 
 @dataclass(frozen=True, slots=True)

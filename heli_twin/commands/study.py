@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from heli_twin.workers.engine import Backend
 
 STUDIES = Path("logs/studies")
-"""Where results go by default, one folder a study."""
+"""The default folder of results, one folder a study."""
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:

@@ -39,7 +39,7 @@ class Survey(NamedTuple):
     limit: Array
     """(8,) the believed limits."""
     complaint: str
-    """Why it cannot be flown; empty if it can."""
+    """The reason why it cannot be flown; empty if it can."""
     path: Array
     """(n, 4) x y z (m) and yaw (rad) over the flight."""
 

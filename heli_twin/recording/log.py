@@ -174,7 +174,7 @@ class Messages(NamedTuple):
 OutcomeKind = Literal[
     "completed", "landed", "crashed", "left_volume", "diverged", "aborted", "interrupted", "imported", "unknown"
 ]
-"""How a flight ended. `landed`: the supervisor ended it early; `aborted`: the program raised; `interrupted`: the log
+"""Outcomes of a flight. `landed`: the supervisor ended it early; `aborted`: the program raised; `interrupted`: the log
 was recovered and does not say; `imported`: a recording of poses; `unknown`: none that this version knows."""
 OUTCOMES: Mapping[str, OutcomeKind] = {kind: kind for kind in get_args(OutcomeKind)}
 
@@ -186,7 +186,7 @@ ORIGIN_KEY = "origin"
 
 
 class Ending(NamedTuple):
-    """How and when a flight ended."""
+    """The end of a flight: outcome, time and reason."""
 
     outcome: OutcomeKind = "unknown"
     time: int = 0
@@ -198,7 +198,7 @@ class Ending(NamedTuple):
     error: str = ""
     """The exception that aborted the flight."""
     recovered: bool = False
-    """Whether the log is the intact part of a damaged one."""
+    """True for a log that is the intact part of a damaged one."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -231,7 +231,7 @@ class Log:
 
     @property
     def outcome(self) -> OutcomeKind:
-        """How the flight ended."""
+        """The outcome of the flight."""
         return self.ending.outcome
 
     @property
@@ -296,7 +296,7 @@ class Log:
 
     @cached_property
     def battery(self) -> Batteries:
-        """What the battery gave; no rows if the plant has none."""
+        """Voltage and current of the battery; no rows if the plant has none."""
         return Batteries(*self._columns("/battery"))
 
     @cached_property

@@ -180,7 +180,7 @@ class _Contents:
 
 
 def ending_of(metadata: dict[str, str]) -> Ending:
-    """How a flight ended, from the metadata of its log.
+    """Return the end of a flight, from the metadata of its log.
 
     Raises:
         LogError: The flight ended at no possible time.

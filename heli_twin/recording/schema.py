@@ -130,7 +130,7 @@ LAYOUTS: Mapping[str, Layout] = {
 QP_STATUS: tuple[str, ...] = ("unspecified", *get_args(QpStatus))
 """Names of the statuses of a control problem, by their number in the log."""
 Severity = Literal["unknown", "debug", "info", "warning", "error", "fatal"]
-"""How serious an event is; nothing that is recorded is `unknown`."""
+"""Severities of events; nothing that is recorded is `unknown`."""
 SEVERITIES: tuple[Severity, ...] = get_args(Severity)
 """By their number in the log."""
 

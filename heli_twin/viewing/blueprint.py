@@ -16,7 +16,7 @@ TRAIL_S = 2.0
 
 
 class Scales(NamedTuple):
-    """What the plots compare with; it follows from the experiment."""
+    """Values that the plots compare with; they follow from the experiment."""
 
     u_min: tuple[float, ...] = (-1.0, -1.0, 0.0, -1.0)
     """Lower input limits, fractions of full stick."""
@@ -27,7 +27,7 @@ class Scales(NamedTuple):
     path: Array | None = None
     """(n, 3) path of the flight, world, m: the camera looks at it."""
     planned: bool = True
-    """Whether there is a reference to compare the flight with."""
+    """True if there is a reference to compare the flight with."""
 
     source: Source = "truth"
 

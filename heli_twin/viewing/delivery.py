@@ -29,7 +29,7 @@ class Destination(NamedTuple):
     port: int | None = None
     """The viewer's."""
     spawn: bool = False
-    """Whether to start a viewer if none listens."""
+    """Start a viewer if none listens."""
 
     def no_answer(self) -> str:
         """The beginning of a sentence: the destination takes nothing in."""

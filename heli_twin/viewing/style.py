@@ -31,7 +31,7 @@ CONTACT_COLOURS = {"in the air": BELIEVED, "on the floor": YAW}
 RIVAL, RIVAL_WANTED = 0xFF7AC6FF, 0xF3C9E2FF
 """Truth and reference of the second of two flights in one picture."""
 Source = Literal["truth", "cameras"]
-"""Where the positions of the helicopter come from; of an imported recording nobody knows the truth."""
+"""The source of the helicopter's positions; of an imported recording nobody knows the truth."""
 
 NAME_OFFSET = (0.0, 0.0, 0.14)
 """Position of a name over its helicopter, m."""

@@ -25,7 +25,7 @@ Rate = Annotated[float, Ge(0), Le(10), Unit("1/s"), doc("how often it comes by c
 
 
 class Hooks(NamedTuple):
-    """What a fault does on each wire; a wire that it leaves alone has None. Times are in ns."""
+    """The effect of a fault on each wire; a wire that it leaves alone has None. Times are in ns."""
 
     pose: Callable[[Arrival], Arrival | None] | None = None
     """Changes a pose when the cameras have seen it; None if it is lost."""
@@ -97,12 +97,12 @@ class Timed(Protocol):
 
     @property
     def duration(self) -> float:
-        """How long it lasts, s."""
+        """Its duration, s."""
         ...
 
     @property
     def rate(self) -> float:
-        """How often it comes by chance, 1/s; 0: once, at its start."""
+        """Its rate by chance, 1/s; 0: it comes once, at its start."""
         ...
 
 

@@ -27,7 +27,7 @@ class Truth(NamedTuple):
     actuators: Array
     """(4,) what the servos, rotors and yaw drive have reached, in units of the inputs."""
     touching: bool
-    """Whether any part touches the floor."""
+    """True while any part touches the floor."""
 
 
 class Battery(NamedTuple):
@@ -42,7 +42,7 @@ class Battery(NamedTuple):
 
 
 class Air(NamedTuple):
-    """What the surroundings do to the helicopter until the next update."""
+    """The effect of the surroundings on the helicopter until the next update."""
 
     wind: Array
     """(3,) velocity of the air, world, m/s."""
@@ -59,7 +59,7 @@ class Plant(Protocol):
     """A flying helicopter. It is made by its spec's `start(x)` at rest in its trim and dies with the flight."""
 
     gyro_works: bool
-    """Whether the on-board rate gyro damps the yaw; a fault switches it."""
+    """True while the on-board rate gyro damps the yaw; a fault switches it."""
 
     def truth(self) -> Truth:
         """Return its state now; the arrays are copies that the caller may keep."""

@@ -286,7 +286,7 @@ def engine() -> Any:
 
 
 def model_file() -> Path:
-    """Where the MJCF lives: inside an installed package, or at the top of a checkout."""
+    """Return the path of the MJCF: inside an installed package, or at the top of a checkout."""
     installed = Path(str(files("heli_twin") / "models" / "mcx2.xml"))
     return installed if installed.is_file() else Path(str(files("heli_twin"))).parent / "models" / "mcx2.xml"
 

@@ -34,7 +34,7 @@ class Physics:
 
 
 class Updates(NamedTuple):
-    """What an effect does in flight; nothing if the compiled model does it all."""
+    """The part of an effect that acts in flight; nothing if the compiled model does it all."""
 
     every_period: Callable[[Physics], None] | None = None
     """Called at time 0 and every `PERIOD_NS`, for the time until the next call."""

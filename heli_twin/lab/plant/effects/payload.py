@@ -11,7 +11,7 @@ from heli_twin.lab.plant.effects import Physics, Updates
 HOOK_M = -0.0435
 """Height of the hook between the skids, seen from the centre of gravity."""
 PARKED_M = (0.0, 0.0, 1000.0)
-"""Where a payload on a string waits until it is picked up."""
+"""The place of a payload on a string until it is picked up."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from heli_twin.lab.plant.effects import Physics, Updates
 
 @dataclass(frozen=True, slots=True)
 class Servo:
-    """What stands between the receiver and the lag of the two cyclic inputs.
+    """Deadband, slew limit and backlash between the receiver and the lag of the two cyclic inputs.
 
         deadband   the servo moves only if it is more than `deadband` away from its input
         slew       it moves by at most `slew` a second: the mean speed over every period of the effects
