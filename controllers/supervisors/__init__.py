@@ -13,7 +13,7 @@ Phase = Literal["ready", "flying", "coasting", "levelling", "landing", "landed"]
 PHASES: tuple[Phase, ...] = get_args(Phase)
 
 
-class Event(NamedTuple):
+class PhaseChange(NamedTuple):
     """A change of phase."""
 
     severity: Literal["info", "warning"]
@@ -31,7 +31,7 @@ class Order(NamedTuple):
     """Sent instead of the controller's."""
     thrust: float | None = None
     """Input u_z to send instead of the controller's, with its other inputs."""
-    event: Event | None = None
+    event: PhaseChange | None = None
 
     def applied(self, command: Command) -> Command:
         """Return the controller's command with the ordered thrust."""

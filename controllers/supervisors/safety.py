@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 from controllers.descent import Descent, descend, hold
 from controllers.model import Model
 from controllers.signals import Array, Command, Estimate, Reference, nanoseconds
-from controllers.supervisors import Event, Order, Phase
+from controllers.supervisors import Order, Phase, PhaseChange
 
 UNSOLVED = ("shifted_plan", "safe_hover")
 """Statuses of a control problem that was not solved."""
@@ -81,7 +81,7 @@ class SafetySupervisor:
         reason = self._next(now, estimate, plan)
         calm = ("ready", "flying", "landed")
         severity = "info" if self.phase in calm else "warning"
-        event = Event(severity, self.phase, reason) if self.phase != before or reason else None
+        event = PhaseChange(severity, self.phase, reason) if self.phase != before or reason else None
         match self.phase:
             case "ready" | "landed":
                 return Order(command=self._on_the_floor(now), event=event)

@@ -7,7 +7,7 @@ import pytest
 
 from heli_twin import HeliTwinError, read_log
 from heli_twin.exchange.formats import Options
-from heli_twin.exchange.import_poses import Reading, import_poses, read_recording
+from heli_twin.exchange.import_poses import AS_EXPORTED, Reading, import_poses, read_recording
 
 T = np.arange(400) / 100.0
 
@@ -24,7 +24,7 @@ def write(folder: Path, table: np.ndarray, head: str = "time,x,y,z,yaw") -> Path
     return path
 
 
-def blemishes(path: Path, reading: Reading = Reading()) -> dict[str, int]:  # noqa: B008
+def blemishes(path: Path, reading: Reading = AS_EXPORTED) -> dict[str, int]:
     return {b.name: b.rows for b in read_recording(path, reading)[1].blemishes}
 
 
