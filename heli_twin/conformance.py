@@ -18,7 +18,7 @@ import numpy as np
 from controllers.flatness import feed_forward, state
 from controllers.model import Model
 from controllers.reference import ReferencePreview, check_feasible
-from controllers.signals import Array, Estimate, Pose, Reference, nanoseconds
+from controllers.signals import Array, Command, Estimate, Pose, Reference, nanoseconds
 from controllers.trajectories import fitted
 from controllers.trajectories.hover import Hover
 from heli_twin.errors import HeliTwinError
@@ -249,6 +249,16 @@ def estimates_are_repeatable(spec: Any) -> None:
     _require(_same([e.x for e in first if e], [e.x for e in second if e]), "the same poses gave another estimate")
 
 
+def excites_within_the_limits(spec: Any) -> None:
+    """It adds the same finite inputs every time it is asked, and the sum keeps the limits of the inputs."""
+    for k in range(200):
+        command = Command(k * 20_000_000, np.array(MODEL.u_max))
+        u, again = (np.asarray(spec.excited(command.stamp, command, MODEL).u) for _ in range(2))
+        _require(_same([u], [again]), "the same moment gave another input")
+        _require(u.shape == (4,) and np.isfinite(u).all(), f"an input is {u.tolist()}")
+        _require((u >= MODEL.u_min).all() and (u <= MODEL.u_max).all(), f"an input is {u.tolist()}, beyond its limits")
+
+
 _START = np.array([0.3, -0.2, 1.0, 0.7, 0.0, 0.0, 0.0, 0.0])
 _INPUT = np.array([0.05, -0.03, 0.55, 0.02])
 
@@ -332,6 +342,7 @@ CHECKS: dict[str, tuple[Check, ...]] = {
         survives_nonsense,
         estimates_are_repeatable,
     ),
+    "controllers.excitations": (is_a_frozen_value, excites_within_the_limits),
     "heli_twin.lab.plant": (
         is_a_frozen_value,
         starts_where_it_is_put,

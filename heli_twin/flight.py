@@ -145,6 +145,8 @@ class Flight:
             command = self.controller.step(t, estimate, order.reference)
             took = perf_counter_ns() - began
             command = order.applied(self.controller.explain(command))
+            if self.supervisor.phase == "flying":
+                command = self.experiment.excitation.excited(t, command, self.experiment.controller.model)
         else:
             command = safe_hover(self.experiment.controller.model, t)
         self.estimator.command_sent(t, command.u)

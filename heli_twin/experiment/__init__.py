@@ -11,6 +11,8 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.estimators import EstimatorSpec
 from controllers.estimators.kalman import Kalman
+from controllers.excitations import ExcitationSpec
+from controllers.excitations.off import NoExcitation
 from controllers.laws import ControlLaw
 from controllers.markers import EachOf, Named, OneOf
 from controllers.supervisors import SupervisorSpec
@@ -59,6 +61,9 @@ class Experiment:
     supervisor: Annotated[
         SupervisorSpec, OneOf("controllers.supervisors"), doc("levels off and lands when the flight cannot go on")
     ] = field(default_factory=NoSupervisor)
+    excitation: Annotated[
+        ExcitationSpec, OneOf("controllers.excitations"), doc("added to the sent commands, for calibration")
+    ] = field(default_factory=NoExcitation)
     plant: Annotated[PlantSpec, OneOf("heli_twin.lab.plant"), doc("the helicopter as it is")] = field(
         default_factory=MuJoCo
     )

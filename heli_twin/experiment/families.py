@@ -35,6 +35,7 @@ GROUPS = {
     "controllers.trajectories": "heli_twin.trajectories",
     "controllers.laws": "heli_twin.controllers",
     "controllers.estimators": "heli_twin.estimators",
+    "controllers.excitations": "heli_twin.excitations",
     "heli_twin.lab.plant": "heli_twin.plants",
     "heli_twin.lab.disturbances": "heli_twin.disturbances",
     "heli_twin.lab.faults": "heli_twin.faults",
@@ -261,6 +262,7 @@ _NEEDS = {
     "controllers.trajectories": ("flat",),
     "controllers.laws": ("period", "steps", "model", "start"),
     "controllers.estimators": ("lead", "start"),
+    "controllers.excitations": ("excited",),
     "heli_twin.lab.plant": ("step", "start"),
 }
 _MARKS = {name for needs in _NEEDS.values() for name in needs} - {"start"}

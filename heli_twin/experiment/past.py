@@ -51,6 +51,7 @@ PAST: dict[str, Past] = {
     f"{_KALMAN}.mean_time": Past(4, 10.0),
     f"{_KALMAN}.floor": Past(4, 0.0),
     "heli_twin.experiment.Experiment.supervisor": Past(4, {"kind": "off"}),
+    "heli_twin.experiment.Experiment.excitation": Past(4, {"kind": "off"}),
     "controllers.trajectories.takeoff_and_landing.TakeoffAndLanding.stand": Past(4, 0.0),
 }
 """Past values by the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""

@@ -138,7 +138,10 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
                 yield order.command or safe_hover(law.model, int(t))
             else:
                 command = controller.step(int(t), estimate, order.reference)
-                yield order.applied(controller.explain(command))
+                command = order.applied(controller.explain(command))
+                if supervisor.phase == "flying":
+                    command = experiment.excitation.excited(int(t), command, law.model)
+                yield command
             # As it was in flight: the supervisor watches what was sent then.
             status = statuses.get(int(t))
             report = QpReport(status, 0, 0, 0.0, 0.0) if status else None

@@ -75,7 +75,7 @@ def deep(levels: int) -> dict:
         ({"axes": {"plant.mass": {"logspace": [0.02, 0.03, 10**18]}}}, "more than 10^15 flights"),
         ({"axes": {f"plant.{i}": {"linspace": [0, 1, 1e12]} for i in range(2000)}}, "2,000 axes: at most 100"),
         ({"base": deep(2000)}, "nested too deeply: at most 30"),
-        ({"base": {"preset": 5}}, "base.preset = 5 names no preset. Available: ideal, lab, lab_realistic, lab_simple"),
+        ({"base": {"preset": 5}}, "base.preset = 5 names no preset. Available: calibrate_check, calibrate_height_yaw"),
         ({"name": "x" * 300}, "name has 300 characters, and it names a folder: at most 100"),
         ({"alternatives": {"x" * 300: {}}}, "is no name: write 1 to 100 characters"),
         ({"alternatives": {"a\x1b[2J": {}}}, "control character"),
