@@ -1,7 +1,7 @@
 """Excitations: small motions added to the sent commands, so that a flight tells more about the helicopter.
 
-One file here is one excitation, found by its `kind`. Estimator and recorder are given the command with the excitation in
-it, as they are given every command that is sent; the control law then steadies the helicopter as usual.
+One file here is one excitation, found by its `kind`. Estimator and recorder are given the command with the excitation
+in it, as they are given every command that is sent; the control law then steadies the helicopter as usual.
 """
 
 from typing import Protocol

@@ -21,9 +21,9 @@ class Multisine:
     No two inputs share a frequency, so that the answers to them can be told apart although all act at once. The phases
     spread the power over the record (Schroeder's rule), which keeps the peaks low.
 
-    Source: Schroeder, Synthesis of low-peak-factor signals, IEEE Trans. Information Theory 16 (1970); interleaved lines:
-    Morelli, Multiple input design for real-time parameter estimation, SYSID 2003. Levels: a tenth of the travel moves
-    the helicopter by some ten degrees a second and stays inside a room.
+    Source: Schroeder, Synthesis of low-peak-factor signals, IEEE Trans. Information Theory 16 (1970); interleaved
+    lines: Morelli, Multiple input design for real-time parameter estimation, SYSID 2003. Levels: found on the twin, a
+    compromise between what a minute of flight tells and the room that it takes.
     """
 
     kind: Literal["multisine"] = "multisine"
