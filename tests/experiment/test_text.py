@@ -284,7 +284,9 @@ def test_a_bad_file_is_refused_in_one_sentence(said, content, tmp_path):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     assert refusal(source=str(tmp_path / "none.toml")) == f"cannot read {tmp_path}/none.toml: No such file or directory"
     assert refusal(source=str(tmp_path)).startswith(f"unknown preset '{tmp_path}'")
-    assert refusal(source="idael").startswith("unknown preset 'idael': did you mean 'ideal'? Available: calibrate_check, ")
+    assert refusal(source="idael").startswith(
+        "unknown preset 'idael': did you mean 'ideal'? Available: calibrate_check, "
+    )
 
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
