@@ -13,12 +13,13 @@ To these MuJoCo adds what a tilting rigid body does anyway: tilted thrust carrie
 Importing this module does not load the engine; starting a flight does.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
-from math import cos, sin, sqrt
+from math import sqrt
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
@@ -28,6 +29,7 @@ from controllers.model import GRAVITY
 from controllers.signals import Array, nanoseconds
 from heli_twin.lab.plant import Air, Battery, Truth
 from heli_twin.lab.plant.effects import PERIOD_NS, Effect, Physics
+from heli_twin.lab.plant.motion import FreeJoint, Gimbal, Motion
 
 STICKS = ("u_x", "u_y", "u_z", "u_yaw")
 """Actuators that the receiver drives, in the order of the input; they come first in the model file."""
@@ -131,48 +133,88 @@ class MuJoCo:
         Raises:
             ValueError: At x the helicopter would stand in the floor.
         """
-        return Twin(self, x)
+        model = edited(self, visuals=False).compile()
+        data = engine().MjData(model)
+        parts = Parts(model, data, Gimbal(model, data), np.array(self.trim), self.mass, lambda: _mjcf(self))
+        return Twin(parts, self, x)
+
+
+class Spec(Protocol):
+    """What a flying MuJoCo helicopter is told about itself, beside its model."""
+
+    @property
+    def step_ns(self) -> int:
+        """Length of one physics step, ns."""
+        ...
+
+    @property
+    def delay_steps(self) -> int:
+        """Delay of the stick inputs in physics steps; it is in the model too."""
+        ...
+
+    @property
+    def effects(self) -> tuple[Effect | Named[Effect], ...]:
+        """Effects; they are built into the model."""
+        ...
+
+
+class Parts(NamedTuple):
+    """The engine's side of a helicopter, for `Twin`. The first four actuators of the model are the sticks."""
+
+    model: Any
+    """Compiled. Its body `fuselage` is the helicopter."""
+    data: Any
+    """As far as it is not the state of the helicopter itself."""
+    motion: Motion
+    trim: Array
+    """(4,) input that holds it still in still air, without effects."""
+    mass: float
+    """kg."""
+    describe: Callable[[], str]
+    """Gives the simulated MJCF, visuals included."""
 
 
 class Twin:
     """A flying MuJoCo helicopter."""
 
-    def __init__(self, spec: MuJoCo, x: Array) -> None:
+    def __init__(self, parts: Parts, spec: Spec, x: Array) -> None:
         mujoco = engine()
-        self._spec = spec
+        self._spec, self._parts = spec, parts
         self.gyro_works = True
         self._steps = 0
         self._effect_steps = max(1, PERIOD_NS // spec.step_ns)
         self._mj_step = mujoco.mj_step
-        self._model = model = edited(spec, visuals=False).compile()
-        self._data = data = mujoco.MjData(model)
+        self._model, self._data = model, data = parts.model, parts.data
         self._thrust = model.actuator("u_z").id
+        self._full_thrust = model.actuator_gainprm[self._thrust, :3].copy()
         self._fuselage = model.body("fuselage").id
-        self._yaw = model.joint("yaw").dofadr[0]
-        air = model.joint("air_x").dofadr[0]
-        self._air = slice(air, air + 3)
+        root = model.body_rootid
+        self._own = root[model.geom_bodyid] == root[self._fuselage]
+        """Of each geom: whether it is a part of the helicopter."""
+        air = next((model.jnt_dofadr[i] for i in range(model.njnt) if model.joint(i).name == "air_x"), None)
+        self._wind = model.opt.wind if air is None else data.qvel[air : air + 3]
+        """(3,) view of what the engine takes for the wind: its own, or the velocity of the body `air`."""
 
-        px, py, pz, yaw, vx, vy, vz, yaw_rate = (float(v) for v in x)
-        c, s = cos(yaw), sin(yaw)
-        data.qpos[:4] = px, py, pz, yaw
-        data.qvel[:4] = c * vx - s * vy, s * vx + c * vy, vz, yaw_rate
-        self._physics = Physics(model, data, np.array(spec.trim), 1e-9 * self._effect_steps * spec.step_ns)
+        parts.motion.place(x)
+        self._physics = Physics(model, data, parts.trim.copy(), 1e-9 * self._effect_steps * spec.step_ns)
         updates = [effect.start(self._physics) for effect in by_name(spec.effects).values()]
         self._every_period = [update.every_period for update in updates if update.every_period]
+        if isinstance(parts.motion, FreeJoint):
+            self._every_period.append(lambda _: parts.motion.now() and None)
         self._on_input = [update.on_input for update in updates if update.on_input]
         self._update_effects()
         trim = self._physics.trim
         trim[2] = np.clip(trim[2] / self._physics.thrust, *model.actuator_ctrlrange[self._thrust])
         # Rotors, servos and the inputs in the receiver's delay start at trim, or the helicopter would drop at once.
-        self._u = data.act[:] = data.ctrl[:4] = trim
+        self._u = data.act[:4] = data.ctrl[:4] = trim
         if spec.delay_steps:
             for i, u in enumerate(trim.tolist()):
                 mujoco.mj_initCtrlHistory(model, data, i, None, np.full((spec.delay_steps, 1), u))
         mujoco.mj_forward(model, data)
-        if data.ncon and data.contact.dist.min() < -0.002:
+        if self._touching() and data.contact.dist.min() < -0.002:
             raise ValueError(
-                f"at a height of {pz:g} m the helicopter would stand {-data.contact.dist.min():.3f} m in the floor: "
-                "start higher (the height is the centre of gravity's, and the skids reach 0.045 m below it)"
+                f"at a height of {float(x[2]):g} m the helicopter would stand {-data.contact.dist.min():.3f} m in the"
+                " floor: start higher (the height is that of its centre of gravity)"
             )
 
     def truth(self) -> Truth:
@@ -180,26 +222,26 @@ class Twin:
 
         `touching` alone is as of the start of the newest step.
         """
-        px, py, pz, yaw, pitch, roll = self._data.qpos[:6].tolist()
-        vx, vy, vz, r, pitch_rate, roll_rate = self._data.qvel[:6].tolist()
-        st, ct, sr, cr = sin(pitch), cos(pitch), sin(roll), cos(roll)
-        # Yaw turns about the world's z, pitch about the turned y, roll about the nose.
-        angular_velocity = (roll_rate - r * st, pitch_rate * cr + r * ct * sr, r * ct * cr - pitch_rate * sr)
+        moving = self._parts.motion.now()
         return Truth(
             stamp=self._steps * self._spec.step_ns,
-            position=np.array((px, py, pz)),
-            quat_wxyz=_quaternion(yaw, pitch, roll),
-            velocity=np.array((vx, vy, vz)),
-            angular_velocity=np.array(angular_velocity),
-            yaw=yaw,
-            yaw_rate=r,
-            actuators=self._data.act.copy(),
+            position=moving.position,
+            quat_wxyz=moving.quat_wxyz,
+            velocity=moving.velocity,
+            angular_velocity=moving.angular_velocity,
+            yaw=moving.yaw,
+            yaw_rate=moving.yaw_rate,
+            actuators=self._data.act[:4].copy(),
             touching=self._touching(),
         )
 
     def _touching(self) -> bool:
-        contact = self._data.contact
-        return self._data.ncon > 0 and bool((contact.geom != self._physics.loose_geom).all(axis=1).any())
+        """Whether a part of the helicopter touches something that is none, except for a payload."""
+        if not self._data.ncon:
+            return False
+        geoms = self._data.contact.geom
+        loose = (geoms == self._physics.loose_geom).any(axis=1)
+        return bool((~loose & (self._own[geoms].sum(axis=1) == 1)).any())
 
     def advance(self, until: int, u: Array, air: Air) -> None:
         """Fly on to `until` (ns) with the input (4,) held; it is clipped to the travel of the sticks.
@@ -219,9 +261,9 @@ class Twin:
         if target == self._steps:
             return
         data = self._data
-        data.qvel[self._air] = air.wind
-        data.xfrc_applied[self._fuselage, :3] = self._spec.mass * air.acceleration
-        self._model.dof_damping[self._yaw] = self._spec.yaw_damping if self.gyro_works else 0.0
+        self._wind[:] = air.wind
+        data.xfrc_applied[self._fuselage, :3] = self._parts.mass * air.acceleration
+        self._parts.motion.damp_yaw(self.gyro_works)
         self._act(u)
         if not self._every_period:
             self._thrust_gain(air.thrust_factor)
@@ -254,7 +296,7 @@ class Twin:
             update(self._physics)
 
     def _thrust_gain(self, factor: float) -> None:
-        self._model.actuator_gainprm[self._thrust, 0] = self._spec.thrust_gain * factor
+        self._model.actuator_gainprm[self._thrust, :3] = self._full_thrust * factor
 
     def battery(self) -> Battery | None:
         """Return its battery now; None without the effect of that name."""
@@ -262,7 +304,7 @@ class Twin:
 
     def description(self) -> str:
         """Return the simulated MJCF, visuals included."""
-        return _mjcf(self._spec)
+        return self._parts.describe()
 
 
 @lru_cache(maxsize=64)
@@ -331,18 +373,3 @@ def edited(p: MuJoCo, *, visuals: bool) -> Any:
     for effect in by_name(p.effects).values():
         effect.build(spec)
     return spec
-
-
-def _quaternion(yaw: float, pitch: float, roll: float) -> Array:
-    """Attitude (4,), scalar first: yaw, then pitch, then roll."""
-    cy, sy = cos(0.5 * yaw), sin(0.5 * yaw)
-    cp, sp = cos(0.5 * pitch), sin(0.5 * pitch)
-    cr, sr = cos(0.5 * roll), sin(0.5 * roll)
-    return np.array(
-        (
-            cy * cp * cr + sy * sp * sr,
-            cy * cp * sr - sy * sp * cr,
-            cy * sp * cr + sy * cp * sr,
-            sy * cp * cr - cy * sp * sr,
-        )
-    )
