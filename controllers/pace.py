@@ -3,6 +3,7 @@
 import numpy as np
 
 from controllers.flatness import FlatOutput
+from controllers.jets import Jet
 from controllers.signals import Array
 
 Pace = tuple[Array, Array, Array]
@@ -32,6 +33,31 @@ def smooth_start(t: Array, ramp: float) -> Pace:
         q * q * (3.0 - 2.0 * q),
         6.0 * q * (1.0 - q) / ramp,
     )
+
+
+def start_clock(t: Jet, ramp: float) -> Jet:
+    """Return the clock of `smooth_start` with its higher derivatives.
+
+    Args:
+        t: (n,) time, s.
+        ramp: Duration of the start, s; 0 for none.
+    """
+    if ramp <= 0.0:
+        return t
+    q = t * (1.0 / ramp)
+    square, now = q * q, t.coefficients[0]
+    starting = ramp * (square * q - 0.5 * (square * square))
+    return starting.where(now < ramp, t - 0.5 * ramp).where(now >= 0.0, 0.0 * t)
+
+
+def ride_clock(t: Array, length: float, ramp: float, order: int) -> Jet:
+    """Return the clock of `smooth_ride` with its derivatives up to `order`, at the times t (n,), s."""
+    ramp = min(ramp, length)
+    end = ride_duration(length, ramp)
+    starting = start_clock(Jet.variable(t, 1.0, order), ramp)
+    stopping = length - start_clock(Jet.variable(end - t, -1.0, order), ramp)
+    rest = Jet.variable(np.where(t > 0.5 * end, length, 0.0), 0.0, order)
+    return stopping.where(t > 0.5 * end, starting).where((t >= 0.0) & (t <= end), rest)
 
 
 def smooth_ride(t: Array, length: float, ramp: float) -> Pace:

@@ -4,9 +4,10 @@ import numpy as np
 
 from controllers.errors import InfeasibleTrajectory
 from controllers.flatness import feed_forward, state
-from controllers.model import Model
+from controllers.model import GRAVITY, Model
+from controllers.rotations import rotate_to_world
 from controllers.signals import Array, Reference
-from controllers.trajectories import Trajectory, fitted
+from controllers.trajectories import Trajectory, derivatives, fitted
 
 _BLOCK_SAMPLES = 512
 """Samples evaluated in one call: memory does not grow with the flight, and NumPy is called rarely."""
@@ -24,12 +25,14 @@ class ReferencePreview:
         model: The believed helicopter, for the feed-forward.
         period: Control period, ns.
         origin: One point of the grid, ns.
+        highest: Highest time derivative of the flat outputs that the samples hold; 0 for states and inputs alone.
     """
 
-    def __init__(self, trajectory: Trajectory, model: Model, period: int, origin: int) -> None:
+    def __init__(self, trajectory: Trajectory, model: Model, period: int, origin: int, highest: int = 0) -> None:
         self._trajectory, self._model = fitted(trajectory, model), model
         self._period, self._origin = period, origin
         self._first, self._x, self._u = 0, np.empty((0, 8)), np.empty((0, 4))
+        self._highest, self._flat = highest, np.empty((highest + 1, 0, 4))
 
     def __call__(self, stamp: int, steps: int) -> Reference:
         """Return `steps` inputs and `steps + 1` states, the first at `stamp` (ns, on the grid)."""
@@ -40,12 +43,35 @@ class ReferencePreview:
         if i < 0 or i + steps + 1 > len(self._x):
             self._fill(k, _BLOCK_SAMPLES + steps + 1)
             i = 0
-        return Reference(stamp, self._x[i : i + steps + 1], self._u[i : i + steps])
+        flat = self._flat[:, i : i + steps + 1] if self._highest else None
+        return Reference(stamp, self._x[i : i + steps + 1], self._u[i : i + steps], flat)
 
     def _fill(self, first: int, count: int) -> None:
         t = 1e-9 * np.maximum(self._origin + self._period * (first + np.arange(count)), 0)
         flat = self._trajectory.flat(t)
         self._first, self._x, self._u = first, state(flat), feed_forward(self._model, flat)
+        if self._highest:
+            self._flat = derivatives(self._trajectory, t, self._highest)
+
+
+def with_flat(reference: Reference, model: Model, highest: int) -> Reference:
+    """Return a reference with the flat outputs of its states and inputs, as a supervisor makes it.
+
+    Args:
+        reference: The planned flight.
+        model: The believed helicopter.
+        highest: Highest time derivative; the 3rd and all higher ones are 0, for inputs are held.
+    """
+    x, u, yaw = reference.x, np.concatenate([reference.u, reference.u[-1:]]), reference.x[:, 3]
+    flat = np.zeros((max(highest, 2) + 1, len(x), 4))
+    flat[0], flat[1] = x[:, :4], x[:, 4:]
+    flat[1, :, :2] = rotate_to_world(x[:, 4:6], yaw)
+    push = u * np.array([model.b_x, model.b_y, model.b_z, model.b_yaw])
+    push += x[:, 4:] * np.array([model.k_x, model.k_y, 0.0, model.k_yaw])
+    flat[2] = push
+    flat[2, :, :2] = rotate_to_world(push[:, :2], yaw)
+    flat[2, :, 2] -= GRAVITY
+    return reference._replace(flat=flat[: highest + 1])
 
 
 @np.errstate(all="ignore")

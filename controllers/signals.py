@@ -17,6 +17,20 @@ NU = 4
 """Inputs: pitch, roll, thrust, yaw; each a fraction of full stick. The paper's (u_x, u_y, u_z, u_psi)."""
 
 
+class NamedState(NamedTuple):
+    """Name and unit of a state beyond the eight physical ones."""
+
+    name: str
+    """A short name in lower case, such as `tilt_x`."""
+    unit: str
+    """Such as `rad`; `1` for a number without a unit."""
+
+
+NO_STATES: Array = np.zeros(0)
+"""The further states of an estimator that has none."""
+NO_STATES.setflags(write=False)
+
+
 class Pose(NamedTuple):
     """The pose that motion capture measured in one frame."""
 
@@ -43,6 +57,10 @@ class Estimate(NamedTuple):
     """Capture time of the newest pose used, ns; -1 before the first."""
     rejected: int
     """Number of poses refused so far: outside the gate, too old, or non-finite."""
+    extra: Array = NO_STATES
+    """(k,) further states, as `extra_states` of the estimator's value names them."""
+    extra_variance: Array = NO_STATES
+    """(k,) filter variance of each further state."""
 
 
 class Reference(NamedTuple):
@@ -54,17 +72,22 @@ class Reference(NamedTuple):
     """(N + 1, 8) physical states."""
     u: Array
     """(N, 4) feed-forward inputs, each held over one period."""
+    flat: Array | None = None
+    """(n + 1, N + 1, 4) flat outputs x y z (world, m), yaw (rad) and their time derivatives up to the n-th, for a law
+    that asks for them with `flat_derivatives`."""
 
 
 class Plan(NamedTuple):
     """The flight that the controller predicts, from the stamp of its estimate on."""
 
     x: Array
-    """(N + 1, 10) predicted states; the last two are the integral states, m."""
+    """(N + 1, 10) predicted states; the last two are the integral states, m. (N + 1, 8) of a law without them."""
     u: Array
     """(N, 4) planned inputs."""
     u_nominal: Array
     """(N, 4) inputs along which the model was linearised."""
+    extra: Array | None = None
+    """(N + 1, k) further predicted states, as `extra_states` of the law's value names them."""
 
 
 QpStatus = Literal["solved", "softened", "shifted_plan", "safe_hover"]

@@ -7,6 +7,7 @@ outputs, every sufficiently smooth curve from point to point can be flown, so po
 import numpy as np
 
 from controllers.flatness import FlatOutput
+from controllers.jets import Jet
 from controllers.signals import Array
 
 
@@ -48,6 +49,37 @@ def quintic(t: Array, times: Array, points: Array, velocity: Array, acceleration
     Returns:
         The flat outputs at t, each (n, 4).
     """
+    q, length, (p0, v0, a0, c3, c4, c5) = _pieces(t, times, points, velocity, acceleration)
+    moving = ((t >= times[0]) & (t <= times[-1]))[:, None]
+    return FlatOutput(
+        p0 + q * (v0 + q * (0.5 * a0 + q * (c3 + q * (c4 + q * c5)))),
+        np.where(moving, v0 + q * (a0 + q * (3.0 * c3 + q * (4.0 * c4 + q * 5.0 * c5))), 0.0) / length,
+        np.where(moving, a0 + q * (6.0 * c3 + q * (12.0 * c4 + q * 20.0 * c5)), 0.0) / length**2,
+    )
+
+
+def quintic_derivatives(t: Array, highest: int, times: Array, points: Array, motion: tuple[Array, Array]) -> Array:
+    """Return the curve of `quintic` and its time derivatives at t (n,), s: (highest + 1, n, 4).
+
+    Args:
+        t: (n,) times, s.
+        highest: Highest derivative.
+        times: (m,) times of the knots, s, increasing.
+        points: (m, 4) x y z (m) and yaw (rad) at the knots.
+        motion: Velocity and acceleration at the knots, each (m, 4).
+    """
+    share, length, (p0, v0, a0, c3, c4, c5) = _pieces(t, times, points, *motion)
+    q = Jet.variable(share, 0.0, highest)
+    q.coefficients[1:2] = 1.0 / length
+    curve = (p0 + q * (v0 + q * (0.5 * a0 + q * (c3 + q * (c4 + q * c5))))).derivatives()
+    curve[1:, (t < times[0]) | (t >= times[-1])] = 0.0
+    return curve
+
+
+def _pieces(
+    t: Array, times: Array, points: Array, velocity: Array, acceleration: Array
+) -> tuple[Array, Array, tuple[Array, ...]]:
+    """Share (n, 1) of each piece that has passed, its duration (n, 1), and the numbers (n, 4) of its polynomial."""
     i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     length = (times[i + 1] - times[i])[:, None]
     q = np.clip((t - times[i])[:, None] / length, 0.0, 1.0)
@@ -57,9 +89,4 @@ def quintic(t: Array, times: Array, points: Array, velocity: Array, acceleration
     c3 = 10.0 * way - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
     c4 = -15.0 * way + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
     c5 = 6.0 * way - 3.0 * (v0 + v1) + 0.5 * (a1 - a0)
-    moving = ((t >= times[0]) & (t <= times[-1]))[:, None]
-    return FlatOutput(
-        points[i] + q * (v0 + q * (0.5 * a0 + q * (c3 + q * (c4 + q * c5)))),
-        np.where(moving, v0 + q * (a0 + q * (3.0 * c3 + q * (4.0 * c4 + q * 5.0 * c5))), 0.0) / length,
-        np.where(moving, a0 + q * (6.0 * c3 + q * (12.0 * c4 + q * 20.0 * c5)), 0.0) / length**2,
-    )
+    return q, length, (points[i], v0, a0, c3, c4, c5)

@@ -1,11 +1,11 @@
 """Control laws. One file here is one law, selected by its `kind`; there is no registry to edit."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from controllers.model import Model
-from controllers.signals import Command, Estimate, QpReport, Reference
+from controllers.signals import Command, Estimate, NamedState, QpReport, Reference
 
 
 class Controller(Protocol):
@@ -53,6 +53,36 @@ class ControlLaw(Protocol):
     def start(self) -> Controller:
         """Return a controller for one flight."""
         ...
+
+
+@runtime_checkable
+class DerivativeReader(Protocol):
+    """A law that reads flat outputs and their derivatives; its references then have `flat`."""
+
+    @property
+    def flat_derivatives(self) -> int:
+        """Highest time derivative that it reads; one above 2 needs a trajectory that gives it."""
+        ...
+
+
+@runtime_checkable
+class HasExtraStates(Protocol):
+    """A law or estimator whose plans or estimates have states beyond the physical ones."""
+
+    @property
+    def extra_states(self) -> tuple[NamedState, ...]:
+        """Names and units, in the order of `Plan.extra` or `Estimate.extra`."""
+        ...
+
+
+def flat_derivatives(law: object) -> int:
+    """Return the highest derivative of the flat outputs that a law reads; 0 for one that reads states and inputs."""
+    return law.flat_derivatives if isinstance(law, DerivativeReader) else 0
+
+
+def extra_states(spec: object) -> tuple[NamedState, ...]:
+    """Return names and units of the further states of a law or an estimator; none for most."""
+    return tuple(NamedState(*state) for state in spec.extra_states) if isinstance(spec, HasExtraStates) else ()
 
 
 def safe_hover(model: Model, now: int) -> Command:

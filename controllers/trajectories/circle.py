@@ -8,8 +8,10 @@ import numpy as np
 from annotated_types import Ge, Gt, Unit, doc
 
 from controllers.flatness import FlatOutput
-from controllers.pace import smooth_start
+from controllers.jets import Jet, flat_derivatives, sine_cosine
+from controllers.pace import smooth_start, start_clock
 from controllers.signals import Array
+from controllers.trajectories import ALL_DERIVATIVES
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,3 +48,16 @@ class Circle:
                 axis=-1,
             ),
         )
+
+    @property
+    def smoothness(self) -> int:
+        """Up to the acceleration; without a ramp, every derivative."""
+        return 2 if self.ramp > 0.0 else ALL_DERIVATIVES
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives."""
+        angle = self.rate * start_clock(Jet.variable(t, 1.0, highest), self.ramp)
+        s, c = sine_cosine(angle)
+        side = pi / 2 if self.rate >= 0 else -pi / 2
+        yaw = angle + side if self.heading == "path" else 0.0
+        return flat_derivatives(self.radius * c, self.radius * s, self.height, yaw)

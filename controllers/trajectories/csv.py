@@ -8,10 +8,11 @@ import numpy as np
 from annotated_types import Ge, MaxLen, MinLen, Unit, doc
 
 from controllers.flatness import FlatOutput
+from controllers.jets import at_pace
 from controllers.markers import Rows
-from controllers.pace import paced, smooth_ride
+from controllers.pace import paced, ride_clock, smooth_ride
 from controllers.signals import Array
-from controllers.splines import knot_motion, quintic
+from controllers.splines import knot_motion, quintic, quintic_derivatives
 
 Row = tuple[float, float, float, float, float]
 """Time (s), x, y, height (m) and heading (rad)."""
@@ -61,9 +62,24 @@ class Csv:
 
     def flat(self, t: Array) -> FlatOutput:
         """Return the flat outputs; after the last row the flight stays there."""
+        times, points, motion = self._knots()
+        pace = smooth_ride(t, float(times[-1]), self.ramp)
+        return paced(quintic(pace[0], times, points, *motion), pace)
+
+    @property
+    def smoothness(self) -> int:
+        """Up to the acceleration, at the rows."""
+        return 2
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives."""
+        knots = self._knots()
+        clock = ride_clock(t, float(knots[0][-1]), self.ramp, highest)
+        return at_pace(lambda reading, order: quintic_derivatives(reading, order, *knots), clock)
+
+    def _knots(self) -> tuple[Array, Array, tuple[Array, Array]]:
+        """Times (n,) and points (n, 4) of the rows, their velocities and accelerations."""
         rows = np.array(self.rows)
         times, points = rows[:, 0] - rows[0, 0], rows[:, 1:].copy()
         points[:, 3] = np.unwrap(points[:, 3])
-        velocity, acceleration = knot_motion(times, points, rest=self.ramp == 0.0)
-        pace = smooth_ride(t, float(times[-1]), self.ramp)
-        return paced(quintic(pace[0], times, points, velocity, acceleration), pace)
+        return times, points, knot_motion(times, points, rest=self.ramp == 0.0)

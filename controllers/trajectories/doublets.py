@@ -39,19 +39,34 @@ class Doublets:
 
     def flat(self, t: Array) -> FlatOutput:
         """Return trains of doublets about the middle of the room."""
-        rest = (np.zeros_like(t),) * 3
+        position, speed, acceleration, _ = self._trains(t)
+        return FlatOutput(position, speed, acceleration)
+
+    @property
+    def smoothness(self) -> int:
+        """Up to the acceleration, whose slope jumps at the edges of the pulses."""
+        return 2
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives: from the 4th on, they are 0."""
+        known = self._trains(t)[: highest + 1]
+        return np.concatenate([known, np.zeros((highest + 1 - len(known), len(t), 4))])
+
+    def _trains(self, t: Array) -> Array:
+        """Position, velocity, acceleration and jerk (4, n, 4) of all axes."""
+        rest = (np.zeros_like(t),) * 4
         x = y = z = yaw = rest
         if self.axes == "plane":
             x, y = _train(t, self.x, self.plane_pulse, self.edge), _train(t, self.y, self.plane_pulse, self.edge)
         else:
             z, yaw = _train(t, self.z, self.z_pulse, self.edge), _train(t, self.yaw, self.yaw_pulse, self.edge)
-        middle = np.array([0.0, 0.0, self.height, 0.0])
-        position, speed, acceleration = (np.stack(column, axis=-1) for column in zip(x, y, z, yaw, strict=True))
-        return FlatOutput(middle + position, speed, acceleration)
+        trains = np.stack([x, y, z, yaw], axis=-1)
+        trains[0] = np.array([0.0, 0.0, self.height, 0.0]) + trains[0]
+        return trains
 
 
-def _train(t: Array, peak: float, pulse: float, edge: float) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration (n,) of one axis: a pair of opposite doublets, then a shorter pair."""
+def _train(t: Array, peak: float, pulse: float, edge: float) -> tuple[Array, Array, Array, Array]:
+    """Position, velocity, acceleration and jerk (n,) of one axis: a pair of opposite doublets, then a shorter pair."""
     times, shape = [0.0], [0.0]
     short = SHORT_PULSE_FACTOR * pulse
     for sign, length in ((1.0, pulse), (-1.0, pulse), (1.0, short), (-1.0, short)):
@@ -73,4 +88,5 @@ def _train(t: Array, peak: float, pulse: float, edge: float) -> tuple[Array, Arr
         p[i] + s * (v[i] + s * (a[i] / 2 + s * jerk / 6)),
         v[i] + s * (a[i] + s * jerk / 2),
         a[i] + s * jerk,
+        jerk,
     )

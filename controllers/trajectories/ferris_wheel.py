@@ -8,8 +8,10 @@ import numpy as np
 from annotated_types import Ge, Gt, Unit, doc
 
 from controllers.flatness import FlatOutput
-from controllers.pace import along, smooth_start
+from controllers.jets import Jet, flat_derivatives, sine_cosine
+from controllers.pace import along, smooth_start, start_clock
 from controllers.signals import Array
+from controllers.trajectories import ALL_DERIVATIVES
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,3 +40,14 @@ class FerrisWheel:
             (north * w * c, west * w * c, w * s, 0.0),
             (-north * w * w * s, -west * w * w * s, w * w * c, 0.0),
         )
+
+    @property
+    def smoothness(self) -> int:
+        """Up to the acceleration; without a ramp, every derivative."""
+        return 2 if self.ramp > 0.0 else ALL_DERIVATIVES
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives."""
+        s, c = sine_cosine(self.rate * start_clock(Jet.variable(t, 1.0, highest), self.ramp))
+        north, west = self.radius * cos(self.direction), self.radius * sin(self.direction)
+        return flat_derivatives(north * s, west * s, self.height - self.radius * c, self.yaw)

@@ -8,6 +8,7 @@ from annotated_types import Gt, Unit, doc
 
 from controllers.flatness import FlatOutput
 from controllers.signals import Array
+from controllers.trajectories import ALL_DERIVATIVES
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,3 +25,14 @@ class Hover:
         """Return the same point at all times."""
         rest = np.zeros((len(t), 4))
         return FlatOutput(rest + np.array([self.x, self.y, self.height, self.yaw]), rest, rest)
+
+    @property
+    def smoothness(self) -> int:
+        """Every derivative."""
+        return ALL_DERIVATIVES
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives, which are 0."""
+        rest = np.zeros((highest + 1, len(t), 4))
+        rest[0] = self.x, self.y, self.height, self.yaw
+        return rest

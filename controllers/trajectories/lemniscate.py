@@ -8,8 +8,10 @@ import numpy as np
 from annotated_types import Ge, Gt, Unit, doc
 
 from controllers.flatness import FlatOutput
-from controllers.pace import Coordinates, along, smooth_start
+from controllers.jets import Jet, arctan2, flat_derivatives, sine_cosine
+from controllers.pace import Coordinates, along, smooth_start, start_clock
 from controllers.signals import Array
+from controllers.trajectories import ALL_DERIVATIVES
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +47,29 @@ class Lemniscate:
         a, b = 0.5 * self.length, 0.5 * self.width
         dx, ddx, dddx = a * np.cos(angle), -a * np.sin(angle), -a * np.cos(angle)
         dy, ddy, dddy = 2 * b * np.cos(2 * angle), -4 * b * np.sin(2 * angle), -8 * b * np.cos(2 * angle)
-        # One lobe turns right by as much as the other turns left. Relative to the middle of that range, west or east,
-        # the direction stays within +-(pi / 2 + atan(2 b / a)), so that the arc tangent never wraps.
-        middle = -0.5 * pi if self.rate >= 0.0 else 0.5 * pi
         square, cross = dx * dx + dy * dy, dx * ddy - dy * ddx
         turn = cross / square
         bend = (dx * dddy - dy * dddx - 2.0 * turn * (dx * ddx + dy * ddy)) / square
-        return middle + np.arctan2(dx, -dy), turn, bend
+        return self._middle + np.arctan2(dx, -dy), turn, bend
+
+    @property
+    def _middle(self) -> float:
+        """Middle of the range of headings, west or east.
+
+        One lobe turns right by as much as the other turns left. Relative to the middle, the direction stays within
+        +-(pi / 2 + atan(2 b / a)), so that the arc tangent never wraps.
+        """
+        return -0.5 * pi if self.rate >= 0.0 else 0.5 * pi
+
+    @property
+    def smoothness(self) -> int:
+        """Up to the acceleration; without a ramp, every derivative."""
+        return 2 if self.ramp > 0.0 else ALL_DERIVATIVES
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives."""
+        angle = self.rate * start_clock(Jet.variable(t, 1.0, highest), self.ramp)
+        a, b = 0.5 * self.length, 0.5 * self.width
+        (s, c), (s2, c2) = sine_cosine(angle), sine_cosine(2.0 * angle)
+        yaw = arctan2(a * c, -2.0 * b * c2) + self._middle if self.heading == "path" else 0.0
+        return flat_derivatives(a * s, b * s2, self.height, yaw)

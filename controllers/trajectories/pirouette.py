@@ -6,8 +6,10 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt, Unit, doc
 
 from controllers.flatness import FlatOutput
-from controllers.pace import along, smooth_start
+from controllers.jets import Jet, flat_derivatives
+from controllers.pace import along, smooth_start, start_clock
 from controllers.signals import Array
+from controllers.trajectories import ALL_DERIVATIVES
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,3 +30,13 @@ class Pirouette:
         pace = smooth_start(t, self.ramp)
         point = (self.x, self.y, self.height, self.rate * pace[0])
         return along(pace, point, (0.0, 0.0, 0.0, self.rate), (0.0, 0.0, 0.0, 0.0))
+
+    @property
+    def smoothness(self) -> int:
+        """Up to the acceleration; without a ramp, every derivative."""
+        return 2 if self.ramp > 0.0 else ALL_DERIVATIVES
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives."""
+        clock = start_clock(Jet.variable(t, 1.0, highest), self.ramp)
+        return flat_derivatives(0.0 * clock + self.x, self.y, self.height, self.rate * clock)

@@ -7,8 +7,10 @@ import numpy as np
 from annotated_types import Ge, Gt, Unit, doc
 
 from controllers.flatness import FlatOutput
-from controllers.pace import along, smooth_start
+from controllers.jets import Jet, flat_derivatives, sine_cosine
+from controllers.pace import along, smooth_start, start_clock
 from controllers.signals import Array
+from controllers.trajectories import ALL_DERIVATIVES
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,3 +39,14 @@ class PirouetteCircle:
             (-w * s, w * c, 0.0, self.yaw_rate),
             (-w * w * c, -w * w * s, 0.0, 0.0),
         )
+
+    @property
+    def smoothness(self) -> int:
+        """Up to the acceleration; without a ramp, every derivative."""
+        return 2 if self.ramp > 0.0 else ALL_DERIVATIVES
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives."""
+        clock = start_clock(Jet.variable(t, 1.0, highest), self.ramp)
+        s, c = sine_cosine(self.rate * clock)
+        return flat_derivatives(self.radius * c, self.radius * s, self.height, self.yaw_rate * clock)

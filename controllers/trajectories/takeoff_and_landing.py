@@ -7,12 +7,13 @@ import numpy as np
 from annotated_types import Ge, Gt, Unit, doc
 
 from controllers.flatness import FlatOutput
+from controllers.jets import at_pace
 from controllers.markers import OneOf
 from controllers.model import Model
-from controllers.pace import paced, ride_duration, smooth_ride
+from controllers.pace import paced, ride_clock, ride_duration, smooth_ride
 from controllers.signals import Array
-from controllers.splines import quintic
-from controllers.trajectories import Trajectory, fitted
+from controllers.splines import quintic, quintic_derivatives
+from controllers.trajectories import Trajectory, derivatives, fitted, smoothness
 from controllers.trajectories.circle import Circle
 
 
@@ -45,14 +46,31 @@ class TakeoffAndLanding:
         t = t - self.stand
         pace = smooth_ride(t - self.climb, self.airborne, self.ramp)
         inner = paced(self.flight.flat(pace[0]), pace)
-        first, last = self.flight.flat(np.array([0.0, self.airborne])).z[:, 2]
-        descent = self.climb + ride_duration(self.airborne, self.ramp)
-        times = np.array([0.0, self.climb, descent, descent + self.climb])
+        times, lowering = self._lowering()
         rest = np.zeros((4, 4))
-        lowering = rest.copy()
-        lowering[[0, 3], 2] = self.floor - first, self.floor - last
         sunk = quintic(t, times, lowering, rest, rest)
         return FlatOutput(inner.z + sunk.z, inner.dz + sunk.dz, inner.ddz + sunk.ddz)
+
+    @property
+    def smoothness(self) -> int:
+        """Up to the acceleration, where it starts and stops, or less if the flight in between is less smooth."""
+        return min(2, smoothness(self.flight))
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives."""
+        t = t - self.stand
+        clock = ride_clock(t - self.climb, self.airborne, self.ramp, highest)
+        inner = at_pace(lambda reading, order: derivatives(self.flight, reading, order), clock)
+        rest = np.zeros((4, 4))
+        return inner + quintic_derivatives(t, highest, *self._lowering(), (rest, rest))
+
+    def _lowering(self) -> tuple[Array, Array]:
+        """Times (4,) and points (4, 4) by which the flight is lowered to the floor at both ends."""
+        first, last = self.flight.flat(np.array([0.0, self.airborne])).z[:, 2]
+        descent = self.climb + ride_duration(self.airborne, self.ramp)
+        lowering = np.zeros((4, 4))
+        lowering[[0, 3], 2] = self.floor - first, self.floor - last
+        return np.array([0.0, self.climb, descent, descent + self.climb]), lowering
 
     def fitted(self, model: Model) -> "TakeoffAndLanding":
         """Return the same flight with the inner trajectory fitted to `model`."""

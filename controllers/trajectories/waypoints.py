@@ -12,7 +12,7 @@ from controllers.flatness import FlatOutput, feed_forward, state
 from controllers.markers import Rows
 from controllers.model import Model
 from controllers.signals import Array
-from controllers.splines import knot_motion, quintic
+from controllers.splines import knot_motion, quintic, quintic_derivatives
 
 Point = tuple[float, float, float, float]
 """x, y, height (m) and heading (rad)."""
@@ -67,6 +67,16 @@ class Waypoints:
         """Return the flat outputs; after the last time the flight stays at the last point."""
         return _curve(t, np.array(self.fitted(Model()).times), np.array(self.points), self.corners)
 
+    @property
+    def smoothness(self) -> int:
+        """Up to the acceleration, at the points."""
+        return 2
+
+    def derivatives(self, t: Array, highest: int) -> Array:
+        """Return the flat outputs and their time derivatives."""
+        times, points = np.array(self.fitted(Model()).times), np.array(self.points)
+        return quintic_derivatives(t, highest, times, points, _motion(times, points, self.corners))
+
     def fitted(self, model: Model) -> "Waypoints":
         """Return the same flight with the shortest times that `model` allows, unless times are given."""
         if len(self.times):
@@ -80,9 +90,13 @@ class Waypoints:
 
 
 def _curve(t: Array, times: Array, points: Array, corners: str) -> FlatOutput:
+    return quintic(t, times, points, *_motion(times, points, corners))
+
+
+def _motion(times: Array, points: Array, corners: str) -> tuple[Array, Array]:
+    """Velocities and accelerations at the points, each (n, 4)."""
     rest = np.zeros_like(points)
-    velocity, acceleration = knot_motion(times, points, rest=True) if corners == "pass" else (rest, rest)
-    return quintic(t, times, points, velocity, acceleration)
+    return knot_motion(times, points, rest=True) if corners == "pass" else (rest, rest)
 
 
 def _shortest(points: Array, legs: Array, spec: Waypoints, model: Model) -> float:
