@@ -55,13 +55,15 @@ class ReferencePreview:
 
 
 def with_flat(reference: Reference, model: Model, highest: int) -> Reference:
-    """Return a reference with the flat outputs of its states and inputs, as a supervisor makes it.
+    """Return a reference with the flat outputs of its states and inputs, which one made by a supervisor lacks.
 
     Args:
-        reference: The planned flight.
+        reference: The planned flight; one with flat outputs is returned as it is.
         model: The believed helicopter.
-        highest: Highest time derivative; the 3rd and all higher ones are 0, for inputs are held.
+        highest: Highest time derivative, 0 for no flat outputs; the 3rd and all higher ones are 0, for inputs are held.
     """
+    if not highest or reference.flat is not None:
+        return reference
     x, u, yaw = reference.x, np.concatenate([reference.u, reference.u[-1:]]), reference.x[:, 3]
     flat = np.zeros((max(highest, 2) + 1, len(x), 4))
     flat[0], flat[1] = x[:, :4], x[:, 4:]

@@ -8,17 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from controllers.laws import safe_hover
+from controllers.laws import flat_derivatives, safe_hover
 from controllers.markers import by_name
-from controllers.reference import ReferencePreview
-from controllers.signals import Command, Estimate, nanoseconds
+from controllers.reference import ReferencePreview, with_flat
+from controllers.signals import Array, Command, Estimate, nanoseconds
 from heli_twin.experiment import Experiment, Volume
 from heli_twin.lab import disturbances
 from heli_twin.lab.chance import generator
-from heli_twin.lab.disturbances import together
+from heli_twin.lab.disturbances import ALONE, air_of, together
 from heli_twin.lab.faults import Faults
 from heli_twin.lab.mocap import Arrival
-from heli_twin.lab.plant import Plant, Truth
+from heli_twin.lab.plant import Air, FeelsMoments, Plant, Truth
 from heli_twin.lab.radio import Held
 from heli_twin.recording import OutcomeKind, Recorder
 
@@ -63,7 +63,7 @@ class Flight:
         self.mocap = e.mocap.start(generator(e.seed, "mocap"))
         self.radio = e.radio.start(generator(e.seed, "radio"))
         self.surroundings = [
-            d.start(generator(e.seed, name if name == d.kind else f"disturbances.{name}"))
+            air_of(d.start(generator(e.seed, name if name == d.kind else f"disturbances.{name}")))
             for name, d in by_name(e.disturbances).items()
         ]
         faults = by_name(e.faults).items()
@@ -72,11 +72,14 @@ class Flight:
         self.estimator, self.controller = e.estimator.start(e.controller.model), e.controller.start()
         self.supervisor = e.supervisor.start(e.controller.model, e.controller.period)
         self.lead = nanoseconds(e.estimator.lead)
-        self.preview = ReferencePreview(e.trajectory, e.controller.model, self.period, self.lead)
+        self.model, self.derivatives = e.controller.model, flat_derivatives(e.controller)
+        self.preview = ReferencePreview(e.trajectory, self.model, self.period, self.lead, self.derivatives)
         # The flight may end between two control steps.
         self.planned = ReferencePreview(e.trajectory, e.controller.model, self.step, 0)
+        self.others: Array = ALONE
+        """(n, 3) positions of other helicopters in the room, world, m."""
         self.poses_under_way: list[Arrival] = []
-        self.last_status, self.last_rejected = "", 0
+        self.last_status, self.last_rejected, self.told_of_moments = "", 0, False
         self.reason, self.landed_at, self.last_sink, self.in_the_air = "", 0, 0.0, False
 
     def run(self) -> Outcome:
@@ -93,9 +96,8 @@ class Flight:
         while True:
             truth = self.plant.truth()
             if t >= air_due:
-                air = together([d.air(truth) for d in self.surroundings])
-                self.recorder.disturbance(t, air)
-                if battery := self.plant.battery():
+                air = self.air(t, truth)
+                if battery := self.faults.battery(t, self.plant.battery()):
                     self.recorder.battery(t, battery)
                     self.supervisor.battery(battery.voltage)
                 air_due += disturbances.PERIOD_NS
@@ -111,12 +113,23 @@ class Flight:
                     self.radio.send(at, sent)
                 control_due += self.period
                 self.progress(1e-9 * t)
-            if t >= self.radio.due and (received := self.radio.receive(t)):
+            if t >= self.radio.due and (received := self.faults.received(t, self.radio.receive(t))):
                 held = received
                 self.recorder.acting(t, held.u, held.stamp)
             u = self.faults.input(t, held.u, truth, self.plant)
             t = self.on_grid(min(control_due, air_due, self.mocap.due, self.radio.due, self.end))
             self.plant.advance(t, u, air)
+
+    def air(self, t: int, truth: Truth) -> Air:
+        """Return what the surroundings do until the next update."""
+        air = together([of(truth, self.others) for of in self.surroundings])
+        self.recorder.disturbance(t, air)
+        if air.moment is not None and not self.told_of_moments and not isinstance(self.plant, FeelsMoments):
+            self.told_of_moments = True
+            self.recorder.event(
+                t, "warning", "moment", "a disturbance gives a moment, which does not act on this plant"
+            )
+        return air
 
     def look(self, t: int, truth: Truth) -> None:
         """Let the cameras look; the pose is on its way unless the frame or a fault loses it."""
@@ -131,7 +144,7 @@ class Flight:
         for at, pose in arrived:
             self.recorder.pose(at, pose)
             self.estimator.receive(at, pose)
-        estimate = self.estimator.estimate(t)
+        estimate = self.faults.estimate(t, self.estimator.estimate(t))
         plan = self.preview(estimate.stamp if estimate else t + self.lead, self.experiment.controller.steps)
         order, took = self.supervisor.order(t, estimate, plan), 0
         if order.event:
@@ -142,7 +155,7 @@ class Flight:
             command = order.command
         elif estimate and order.reference:
             began = perf_counter_ns()
-            command = self.controller.step(t, estimate, order.reference)
+            command = self.controller.step(t, estimate, with_flat(order.reference, self.model, self.derivatives))
             took = perf_counter_ns() - began
             command = order.applied(self.controller.explain(command))
             if self.supervisor.phase == "flying":

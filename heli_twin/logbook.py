@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_info
 
+from controllers.laws import extra_states
 from controllers.proxqp import BUILD
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
@@ -30,6 +31,7 @@ from heli_twin.experiment.tree import (
     tree_of,
 )
 from heli_twin.recording import Attachment, Log, Recorder
+from heli_twin.recording.state_names import EXTRA_STATES, names_of
 from heli_twin.recording.writer import Listener
 
 LOGGED_PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
@@ -122,10 +124,16 @@ def begin_log(
     return Recorder(
         path,
         experiment=canonical_json(experiment),
-        metadata=provenance() | _own_origins(experiment) | dict(metadata or {}),
+        metadata=provenance() | _own_origins(experiment) | _extra_states(experiment) | dict(metadata or {}),
         attachments=attachments,
         listeners=listeners,
     )
+
+
+def _extra_states(experiment: Experiment) -> dict[str, str]:
+    """For the log's metadata: names and units of the further states of the estimates and plans, if there are any."""
+    specs = zip(EXTRA_STATES.values(), (experiment.estimator, experiment.controller), strict=True)
+    return {key: names_of(states) for key, spec in specs if (states := extra_states(spec))}
 
 
 def planned_path(experiment: Experiment) -> Array:

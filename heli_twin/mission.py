@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controllers.errors import InfeasibleTrajectory
+from controllers.errors import InfeasibleTrajectory, MissingDerivatives
 from controllers.flatness import state
+from controllers.laws import extra_states, flat_derivatives
 from controllers.model import GRAVITY
 from controllers.proxqp import BUILD_TROUBLE
 from controllers.reference import check_feasible
 from controllers.signals import nanoseconds
+from controllers.trajectories import derivatives, fitted
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.objects import validated
 from heli_twin.experiment.tree import ExperimentError, tree_of
@@ -28,6 +30,7 @@ from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.logbook import begin_log, planned_path
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log, LogExistsError, Recorder, read_log
+from heli_twin.recording.state_names import trouble_with
 from heli_twin.recording.writer import Listener
 from heli_twin.whole_file import free_path
 
@@ -170,6 +173,7 @@ def checked(experiment: Experiment) -> Experiment:
             check_feasible(e.trajectory, model, e.duration, e.controller.period)
     except InfeasibleTrajectory as error:
         raise ExperimentError(f"trajectory: {error}") from None
+    _check_contracts(e)
     x, y, z = e.trajectory.flat(np.zeros(1)).z[0, :3].tolist()
     if max(abs(x), abs(y)) > e.volume.half_width or z > e.volume.height:
         raise ExperimentError(
@@ -177,6 +181,17 @@ def checked(experiment: Experiment) -> Experiment:
             f" {e.volume.half_width:g} m, volume.height = {e.volume.height:g} m"
         )
     return e
+
+
+def _check_contracts(e: Experiment) -> None:
+    """Refuse a law that reads more of the trajectory than it gives, and states whose names a log cannot hold."""
+    try:
+        derivatives(fitted(e.trajectory, e.controller.model), np.zeros(1), flat_derivatives(e.controller))
+    except MissingDerivatives as error:
+        raise ExperimentError(f"trajectory does not give what the controller reads: {error}") from None
+    for path, spec in (("estimator", e.estimator), ("controller", e.controller)):
+        if trouble := trouble_with(extra_states(spec)):
+            raise ExperimentError(f"{path}: {trouble}")
 
 
 def _start(experiment: Experiment) -> Plant:

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 from heli_twin.errors import HeliTwinError
 from heli_twin.recording import Log
 from heli_twin.recording.schema import LATER_WIRES, WIRES
+from heli_twin.recording.state_names import EXTRA_STATES
 from heli_twin.terminal_text import instead
 from heli_twin.whole_file import whole_file
 
@@ -41,7 +42,26 @@ def table(log: Log, topic: str) -> pa.Table:
         types = {"time": pa.int64(), "severity": pa.string(), "name": pa.string(), "text": pa.string()}
         return pa.table({key: pa.array([getattr(e, key) for e in columns], kind) for key, kind in types.items()})
     about = {"topic": topic, "outcome": log.outcome, "digest": log.digest, "experiment": log.experiment}
+    if topic in EXTRA_STATES:
+        return _extra_table(log, topic, about)
     return pa.table({name: _column(values) for name, values in columns._asdict().items()}, metadata=about)
+
+
+def _extra_table(log: Log, topic: str, about: dict[str, str]) -> pa.Table:
+    """Further states of estimates or plans: a column for each, called by its name, with its unit in the metadata."""
+    columns = {"time": _column(log.estimate_extra.time if topic == "/estimate_extra" else log.plan_extra.time)}
+    units = {"time": "ns"}
+    if topic == "/estimate_extra":
+        columns["stamp"], units["stamp"] = _column(log.estimate_extra.stamp), "ns"
+        for i, (name, unit) in enumerate(log.estimate_states):
+            columns[name], units[name] = _column(log.estimate_extra.x[:, i]), unit
+            columns[f"{name}_variance"] = _column(log.estimate_extra.variance[:, i])
+            units[f"{name}_variance"] = f"({unit})^2"
+    else:
+        for i, (name, unit) in enumerate(log.plan_states):
+            columns[name], units[name] = _column(log.plan_extra.x[:, :, i]), unit
+    fields = [pa.field(name, values.type, metadata={"unit": units[name]}) for name, values in columns.items()]
+    return pa.table([*columns.values()], schema=pa.schema(fields, metadata=about))
 
 
 def tables(log: Log) -> dict[str, pa.Table]:

@@ -51,7 +51,8 @@ def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
         else:
             yield from changes(before[key], value, f"{path}.")
     for key, value in before.items():
-        if key not in after:
+        # A log of a stranger may leave out a field: it has its default value.
+        if key not in after and isinstance(value, dict) and "kind" in value:
             yield Change(f"{here}{key}", _added(key, value), "off", is_member=True)
 
 

@@ -163,7 +163,8 @@ class _EstimatorRun:
 
     def columns(self) -> tuple[Estimates, Array, Array, Array]:
         """Estimates, covariances, innovations and their variances."""
-        rows = list(zip(*self._estimates, strict=True)) or [()] * 6
+        # Without further states, which have no truth to compare with.
+        rows = list(zip(*(estimate[:6] for estimate in self._estimates), strict=True)) or [()] * 6
         shapes = ((-1,), (-1, 8), (-1, 4), (-1, 4, 3), (-1,), (-1,))
         types = (np.int64, float, float, float, np.int64, np.int32)
         columns = [np.array(row, kind).reshape(shape) for row, kind, shape in zip(rows, types, shapes, strict=True)]

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from controllers.laws import Controller, safe_hover
+from controllers.laws import Controller, flat_derivatives, safe_hover
 from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
-from controllers.reference import ReferencePreview
+from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, Pose, QpReport, Reference, nanoseconds
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
@@ -119,15 +119,13 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
     """The controller's command for each logged estimate."""
     law = experiment.controller
     controller = law.start()
-    preview = ReferencePreview(
-        experiment.trajectory, law.model, nanoseconds(law.period), nanoseconds(experiment.estimator.lead)
-    )
+    period, lead, highest = nanoseconds(law.period), nanoseconds(experiment.estimator.lead), flat_derivatives(law)
+    preview = ReferencePreview(experiment.trajectory, law.model, period, lead, highest)
     supervisor = experiment.supervisor.start(law.model, law.period)
     statuses = dict(zip(log.qp.time.tolist(), log.qp.status.tolist(), strict=True))
     sent = dict(zip(log.sent.time.tolist(), log.sent.u, strict=True))
     plans = {int(t): i for i, t in enumerate(log.plan.time)}
-    for t, stamp, x, disturbance, variance, pose_stamp, rejected in zip(*log.estimate, strict=True):
-        estimate = Estimate(int(stamp), x, disturbance, variance, int(pose_stamp), int(rejected))
+    for t, estimate in _estimates(log):
         if int(t) in plans:
             _linearise_along(controller, law, log.plan.u_nominal[plans[int(t)]])
         try:
@@ -137,7 +135,7 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
             if order.command or not order.reference:
                 yield order.command or safe_hover(law.model, int(t))
             else:
-                command = controller.step(int(t), estimate, order.reference)
+                command = controller.step(int(t), estimate, with_flat(order.reference, law.model, highest))
                 command = order.applied(controller.explain(command))
                 if supervisor.phase == "flying":
                     command = experiment.excitation.excited(int(t), command, law.model)
@@ -150,6 +148,14 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
             raise HeliTwinError(
                 f"the control problem at {1e-9 * t:.3f} s cannot be rebuilt from this log: {error}"
             ) from error
+
+
+def _estimates(log: Log) -> Iterator[tuple[int, Estimate]]:
+    """Time, ns, and estimate of each control step."""
+    extra = dict(zip(log.estimate_extra.time.tolist(), zip(*log.estimate_extra[2:], strict=True), strict=True))
+    for t, stamp, x, disturbance, variance, pose_stamp, rejected in zip(*log.estimate, strict=True):
+        estimate = Estimate(int(stamp), x, disturbance, variance, int(pose_stamp), int(rejected))
+        yield int(t), estimate._replace(extra=extra[t][0], extra_variance=extra[t][1]) if t in extra else estimate
 
 
 def _linearise_along(controller: Controller, law: object, u_nominal: Array) -> None:
@@ -207,11 +213,11 @@ def _flown_rows(log: Log) -> Iterator[_Row]:
     """The messages that are copied, in order of time and, at one time, in the order of the flight."""
     return heapq.merge(
         (_Row(int(t), "acting", (u, int(stamp))) for t, stamp, u in zip(*log.acting, strict=True)),
-        _copies("disturbance", log.disturbance, Air),
+        (_Row(t, "disturbance", (air,)) for t, air in _airs(log)),
         _first_rows(log),
         _copies("truth", log.truth, Truth),
         _copies("pose", log.pose, Pose),
-        _copies("estimate", log.estimate, Estimate),
+        (_Row(t, "estimate", (estimate,)) for t, estimate in _estimates(log)),
         (_Row(event.time, "event", event[1:]) for event in log.events if event.name != "qp"),
         key=lambda row: row.time,
     )
@@ -220,6 +226,13 @@ def _flown_rows(log: Log) -> Iterator[_Row]:
 def _copies(wire: str, columns: Iterable[Any], signal: Callable[..., Any]) -> Iterator[_Row]:
     """The messages of a topic whose fields are those of a signal."""
     return (_Row(int(t), wire, (signal(*values),)) for t, *values in zip(*columns, strict=True))
+
+
+def _airs(log: Log) -> Iterator[tuple[int, Air]]:
+    """Time, ns, and what the surroundings do from then on."""
+    moments = dict(zip(log.disturbance_moment.time.tolist(), log.disturbance_moment.moment, strict=True))
+    for t, wind, acceleration, factor in zip(*log.disturbance, strict=True):
+        yield int(t), Air(wind, acceleration, factor, moments.get(int(t)))
 
 
 def _first_rows(log: Log) -> Iterator[_Row]:

@@ -137,3 +137,25 @@ class Timing(_message.Message):
     control_step_ns: int
     solve_ns: int
     def __init__(self, control_step_ns: _Optional[int] = ..., solve_ns: _Optional[int] = ...) -> None: ...
+
+class ExtraEstimate(_message.Message):
+    __slots__ = ("stamp", "x", "variance")
+    STAMP_FIELD_NUMBER: _ClassVar[int]
+    X_FIELD_NUMBER: _ClassVar[int]
+    VARIANCE_FIELD_NUMBER: _ClassVar[int]
+    stamp: int
+    x: _containers.RepeatedScalarFieldContainer[float]
+    variance: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, stamp: _Optional[int] = ..., x: _Optional[_Iterable[float]] = ..., variance: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class ExtraPlan(_message.Message):
+    __slots__ = ("x",)
+    X_FIELD_NUMBER: _ClassVar[int]
+    x: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, x: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class Moment(_message.Message):
+    __slots__ = ("moment",)
+    MOMENT_FIELD_NUMBER: _ClassVar[int]
+    moment: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, moment: _Optional[_Iterable[float]] = ...) -> None: ...

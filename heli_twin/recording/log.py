@@ -4,20 +4,31 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
-from google.protobuf.message import DecodeError
+from google.protobuf.message import DecodeError, Message
 from numpy.typing import NDArray
 
-from controllers.signals import Array
+from controllers.signals import Array, NamedState
 from heli_twin.recording import flight_pb2 as pb
 from heli_twin.recording.foxglove import LogMessage, PointCloud
 from heli_twin.recording.packing import Layout
-from heli_twin.recording.schema import LAYOUTS, QP_STATUS, SEVERITIES, LogError, Severity, plan_layout
+from heli_twin.recording.schema import (
+    LAYOUTS,
+    QP_STATUS,
+    SEVERITIES,
+    LogError,
+    Severity,
+    extra_estimate_layout,
+    extra_plan_layout,
+    plan_layout,
+)
+from heli_twin.recording.state_names import EXTRA_STATES, MAX_STATES, named
 from heli_twin.terminal_text import clean
 
 Times = NDArray[np.int64]
+M = TypeVar("M", bound=Message)
 
 
 class Truths(NamedTuple):
@@ -99,6 +110,25 @@ class Plans(NamedTuple):
     """(n, N, 4)."""
 
 
+class ExtraEstimates(NamedTuple):
+    """`/estimate_extra`: the estimator's further states, which `Log.estimate_states` names."""
+
+    time: Times
+    stamp: Times
+    x: Array
+    """(n, k)."""
+    variance: Array
+    """(n, k)."""
+
+
+class ExtraPlans(NamedTuple):
+    """`/mpc/plan_extra`: the plans' further states, which `Log.plan_states` names."""
+
+    time: Times
+    x: NDArray[np.float32]
+    """(n, N + 1, k), rounded."""
+
+
 class QpReports(NamedTuple):
     """`/mpc/qp`: see controllers.signals.QpReport."""
 
@@ -119,6 +149,14 @@ class Airs(NamedTuple):
     acceleration: Array
     """(n, 3)."""
     thrust_factor: Array
+
+
+class Moments(NamedTuple):
+    """`/disturbance_moment`: no rows where no disturbance gives a moment."""
+
+    time: Times
+    moment: Array
+    """(n, 3)."""
 
 
 class Batteries(NamedTuple):
@@ -277,9 +315,8 @@ class Log:
     @cached_property
     def plan(self) -> Plans:
         """The plans of the controller, one a control step."""
-        data = self._messages("/mpc/plan").data
-        with _decoding("/mpc/plan"):
-            horizon = len(pb.Plan.FromString(bytes(data[0])).u) // 4 if data else 0
+        first = self._first("/mpc/plan", pb.Plan)
+        horizon = len(first.u) // 4 if first else 0
         return Plans(*self._columns("/mpc/plan", plan_layout(horizon)))
 
     @cached_property
@@ -298,6 +335,45 @@ class Log:
     def battery(self) -> Batteries:
         """Voltage and current of the battery; no rows if the plant has none."""
         return Batteries(*self._columns("/battery"))
+
+    @cached_property
+    def disturbance_moment(self) -> Moments:
+        """Moments of disturbances, from each time on."""
+        return Moments(*self._columns("/disturbance_moment"))
+
+    @cached_property
+    def estimate_extra(self) -> ExtraEstimates:
+        """The estimator's further states; no rows if it has none."""
+        first = self._first("/estimate_extra", pb.ExtraEstimate)
+        count = len(first.x) if first else 0
+        return ExtraEstimates(*self._columns("/estimate_extra", extra_estimate_layout(_few(count))))
+
+    @cached_property
+    def plan_extra(self) -> ExtraPlans:
+        """The further states of the plans; no rows if they have none."""
+        first, plan = self._first("/mpc/plan_extra", pb.ExtraPlan), self._first("/mpc/plan", pb.Plan)
+        rows = len(plan.u) // 4 + 1 if plan else 1
+        count = len(first.x) // rows if first else 0
+        return ExtraPlans(*self._columns("/mpc/plan_extra", extra_plan_layout(rows, _few(count))))
+
+    @property
+    def estimate_states(self) -> tuple[NamedState, ...]:
+        """Names and units of the estimator's further states."""
+        return self._names("/estimate_extra", self.estimate_extra.x.shape[-1])
+
+    @property
+    def plan_states(self) -> tuple[NamedState, ...]:
+        """Names and units of the plans' further states."""
+        return self._names("/mpc/plan_extra", self.plan_extra.x.shape[-1])
+
+    def _names(self, topic: str, count: int) -> tuple[NamedState, ...]:
+        return named(self.metadata.get(EXTRA_STATES[topic], ""), count)
+
+    def _first(self, topic: str, message: type[M]) -> M | None:
+        """The first message of a topic, decoded; None if it has none."""
+        data = self._messages(topic).data
+        with _decoding(topic):
+            return message.FromString(bytes(data[0])) if data else None
 
     @cached_property
     def events(self) -> list[Event]:
@@ -332,6 +408,12 @@ class Log:
             records = (layout or LAYOUTS[topic]).unpack(messages.data)
         columns = [np.ascontiguousarray(records[name]) for name in records.dtype.names or ()]
         return [np.array(messages.times, np.int64), *columns]
+
+
+def _few(count: int) -> int:
+    if count > MAX_STATES:
+        raise LogError(f"has {count} further states, {MAX_STATES} at most can be read: heli-twin did not write it")
+    return count
 
 
 @contextmanager

@@ -106,7 +106,12 @@ FOR_VIEWERS = (
 )
 """The same flight again at a lower rate, in message types that viewers draw without configuration."""
 
-LATER_WIRES = (_protobuf("/battery", pb.Battery),)
+LATER_WIRES = (
+    _protobuf("/battery", pb.Battery),
+    _protobuf("/estimate_extra", pb.ExtraEstimate),
+    _protobuf("/mpc/plan_extra", pb.ExtraPlan),
+    _protobuf("/disturbance_moment", pb.Moment),
+)
 """Wires that came later: the number of a channel is the place of its topic, in logs of before too."""
 
 TOPICS = WIRES + FOR_VIEWERS + LATER_WIRES
@@ -124,8 +129,10 @@ LAYOUTS: Mapping[str, Layout] = {
     "/disturbance": Layout(pb.Air, wind=(3,), acceleration=(3,)),
     "/timing": Layout(pb.Timing),
     "/battery": Layout(pb.Battery),
+    "/disturbance_moment": Layout(pb.Moment, moment=(3,)),
 }
-"""Layouts of the messages of fixed size; that of `/mpc/plan` depends on the horizon, and `/events` are text."""
+"""Layouts of the messages of fixed size. That of `/mpc/plan` depends on the horizon, those of further states on their
+number, and `/events` are text."""
 
 QP_STATUS: tuple[str, ...] = ("unspecified", *get_args(QpStatus))
 """Names of the statuses of a control problem, by their number in the log."""
@@ -145,6 +152,18 @@ def proto() -> bytes:
 def plan_layout(horizon: int) -> Layout:
     """The layout of a plan with this number of steps."""
     return Layout(pb.Plan, x=(horizon + 1, PLAN_STATES), u=(horizon, 4), u_nominal=(horizon, 4))
+
+
+@lru_cache
+def extra_estimate_layout(count: int) -> Layout:
+    """The layout of an estimate's further states."""
+    return Layout(pb.ExtraEstimate, x=(count,), variance=(count,))
+
+
+@lru_cache
+def extra_plan_layout(rows: int, count: int) -> Layout:
+    """The layout of a plan's further states."""
+    return Layout(pb.ExtraPlan, x=(rows, count))
 
 
 def code(names: tuple[str, ...], name: str, what: str) -> int:

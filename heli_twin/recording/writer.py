@@ -9,18 +9,20 @@ from typing import Any, Self
 
 import numpy as np
 
-from controllers.signals import Array, Command, Estimate, Plan, Pose, QpReport, Reference
+from controllers.signals import NX, Array, Command, Estimate, Plan, Pose, QpReport, Reference
 from heli_twin.lab.plant import Air, Battery, Truth
 from heli_twin.recording.derived_topics import Timed, Viewers, timestamp
 from heli_twin.recording.foxglove import LogMessage
 from heli_twin.recording.growing_file import LogFile
 from heli_twin.recording.log import ORIGIN_KEY, Attachment, Log, OutcomeKind
 from heli_twin.recording.mcap_stream import McapStream
+from heli_twin.recording.packing import Layout
 from heli_twin.recording.reader import read_log
 from heli_twin.recording.schema import (
     EXPERIMENT,
     FORMAT,
     LAYOUTS,
+    PLAN_STATES,
     PROTO,
     QP_STATUS,
     SEVERITIES,
@@ -29,6 +31,8 @@ from heli_twin.recording.schema import (
     LogError,
     Severity,
     code,
+    extra_estimate_layout,
+    extra_plan_layout,
     plan_layout,
     proto,
     sealed,
@@ -116,7 +120,12 @@ class Recorder:
 
     def estimate(self, t: int, estimate: Estimate) -> None:
         """Record the estimate."""
-        self._put("/estimate", t, estimate)
+        self._put("/estimate", t, estimate[:6])
+        count = len(estimate.extra)
+        if count:
+            variance = estimate.extra_variance if len(estimate.extra_variance) else np.full(count, np.nan)
+            self._lay_out("/estimate_extra", extra_estimate_layout(count))
+            self._put("/estimate_extra", t, (estimate.stamp, estimate.extra, variance))
 
     def reference(self, t: int, reference: Reference) -> None:
         """Record the first row of the planned flight."""
@@ -138,7 +147,13 @@ class Recorder:
         """Record the controller's plan; the horizon stays the same within a flight."""
         if self._viewers.plan is None:
             self._viewers.plan = self._layouts["/mpc/plan"] = plan_layout(len(plan.u))
-        self._put("/mpc/plan", t, plan)
+        x = plan.x
+        if x.shape[1] == NX:
+            x = np.column_stack([x, np.zeros((len(x), PLAN_STATES - NX))])
+        self._put("/mpc/plan", t, (x, plan.u, plan.u_nominal))
+        if plan.extra is not None and plan.extra.size:
+            self._lay_out("/mpc/plan_extra", extra_plan_layout(*plan.extra.shape))
+            self._put("/mpc/plan_extra", t, (plan.extra,))
 
     def qp(self, t: int, report: QpReport) -> None:
         """Record how the control problem was solved."""
@@ -146,7 +161,9 @@ class Recorder:
 
     def disturbance(self, t: int, air: Air) -> None:
         """Record the wind and other disturbances from now on."""
-        self._put("/disturbance", t, air)
+        self._put("/disturbance", t, air[:3])
+        if air.moment is not None:
+            self._put("/disturbance_moment", t, (air.moment,))
 
     def battery(self, t: int, battery: Battery) -> None:
         """Record the state of the battery."""
@@ -221,6 +238,15 @@ class Recorder:
         self.close("aborted", self._time, error=repr(error) if error else "")
         if error is not None and self.path is not None:
             error.add_note(f"the log until then is {self.path}")
+
+    def _lay_out(self, topic: str, layout: Layout) -> None:
+        """Take the layout of a topic from its first message.
+
+        Raises:
+            LogError: A later message has another number of states.
+        """
+        if self._layouts.setdefault(topic, layout) is not layout:
+            raise LogError(f"the number of states on {topic} changes within the flight: give all of them each time")
 
     def _put(self, topic: str, t: int, values: Iterable[Any] | bytes) -> None:
         if t >= self._flush_due:

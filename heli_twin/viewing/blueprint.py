@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import rerun.blueprint as rrb
 
-from controllers.signals import Array
+from controllers.signals import Array, NamedState
 from heli_twin.recording.log import Log
 from heli_twin.viewing.style import INPUTS, POSITIONS, Source
 
@@ -30,6 +30,8 @@ class Scales(NamedTuple):
     """True if there is a reference to compare the flight with."""
 
     source: Source = "truth"
+    states: tuple[NamedState, ...] = ()
+    """Names and units of the estimator's further states."""
 
     def for_source(self, log: Log) -> "Scales":
         """The same for a log as it was read."""
@@ -37,9 +39,10 @@ class Scales(NamedTuple):
 
     def for_log(self, log: Log) -> "Scales":
         """The same for a whole flight; the camera looks at the flown path if there is no planned one."""
+        scales = self._replace(states=log.estimate_states)
         if len(log.truth.time) and not len(log.reference.time):
-            return self._replace(path=log.truth.position, planned=False)
-        return self._replace(path=log.reference_paths[0][1]) if self.path is None and log.reference_paths else self
+            return scales._replace(path=log.truth.position, planned=False)
+        return scales._replace(path=log.reference_paths[0][1]) if self.path is None and log.reference_paths else scales
 
 
 def layout(scales: Scales) -> rrb.Blueprint:
@@ -82,9 +85,16 @@ def layout(scales: Scales) -> rrb.Blueprint:
             plot("Thrust [of nominal]", "/air/thrust"),
             name="Air",
         ),
+        *([_states(scales)] if scales.states else []),
         active_tab=0 if scales.planned else 1,
     )
     return blueprint(seen, plots)
+
+
+def _states(scales: Scales) -> rrb.Vertical:
+    """Plots of the estimator's further states."""
+    views = (plot(f"{state.name} [{state.unit}]", f"/states/{state.name}") for state in scales.states)
+    return rrb.Vertical(*views, name="Further states")
 
 
 def blueprint(seen: rrb.Container, plots: rrb.Container) -> rrb.Blueprint:

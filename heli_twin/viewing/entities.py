@@ -79,6 +79,8 @@ def _plots(log: Log, scales: Scales) -> Iterator[Rows]:
         yield f"position/{name}/estimate", estimate.stamp, scalars(unit[i] * estimate.x[:, i])
         if name != "yaw":
             yield f"position/{name}/mocap", pose.stamp, scalars(pose.position[:, i])
+    for i, state in enumerate(scales.states[: log.estimate_extra.x.shape[1]]):
+        yield f"states/{state.name}/estimate", log.estimate_extra.stamp, scalars(log.estimate_extra.x[:, i])
     yield "input/all", log.sent.time, scalars(log.sent.u)
     for i, name in enumerate(INPUTS):
         yield f"input/{name}/sent", log.sent.time, scalars(log.sent.u[:, i])
@@ -97,6 +99,7 @@ def _computing(log: Log, scales: Scales) -> Iterator[Rows]:
     )
     yield "air/wind", air.time, scalars(air.wind)
     yield "air/push", air.time, scalars(air.acceleration)
+    yield "air/moment", log.disturbance_moment.time, scalars(log.disturbance_moment.moment)
     yield "air/thrust", air.time, scalars(air.thrust_factor)
     yield "state/controller", log.qp.time, rr.StateChange.columns(state=log.qp.status.tolist())
     phases = [event for event in log.events if event.name in PHASE_COLOURS]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from controllers.laws import extra_states
 from controllers.rotations import yaw_of
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
@@ -28,7 +29,9 @@ VIEWER_PORT = 9876
 def scales_of(experiment: Experiment) -> Scales:
     """Limits, deadline and planned path, with which the plots of an experiment's flight compare."""
     controller = experiment.controller
-    return Scales(controller.model.u_min, controller.model.u_max, controller.period, planned_path(experiment))
+    limits = controller.model.u_min, controller.model.u_max
+    states = extra_states(experiment.estimator)
+    return Scales(*limits, controller.period, planned_path(experiment), states=states)
 
 
 def destination(where: str) -> Destination:

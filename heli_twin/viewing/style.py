@@ -129,6 +129,7 @@ def _series(source: Source) -> Iterator[tuple[str, Sequence[Series]]]:
     yield "computing", [("whole step", WANTED, 1.2), ("solver", PLANNED, 1.5), ("deadline", LIMIT, 1.0)]
     yield "air/wind", axes
     yield "air/push", axes
+    yield "air/moment", axes
     yield "air/thrust", [("thrust", FLOWN, 1.5)]
 
 

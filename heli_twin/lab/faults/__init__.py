@@ -1,8 +1,10 @@
 """Faults: what breaks. One file is one fault; it is found by its `kind`, without a registry.
 
-A fault hooks the wires it breaks: poses on their way to the ground station, commands on their way to the radio, the
-time of a control step, the input at the helicopter, or its gyro. Most have a `start` and a `duration`; with a
-`rate` they come by chance from `start` on.
+A fault hooks the wires it breaks, each of them between two parts of the loop: poses on their way to the ground station,
+the estimate on its way to the controller, commands on their way to the radio, the time of a control step, the command
+that the receiver takes over, the inputs of the actuators, the on-board gyro, or what the battery tells. The log has
+each wire as the fault leaves it; what acts on the actuators shows in the truth. Most faults have a `start` and a
+`duration`; with a `rate` they come by chance from `start` on.
 """
 
 from bisect import bisect_right
@@ -12,9 +14,10 @@ from typing import Annotated, NamedTuple, Protocol
 import numpy as np
 from annotated_types import Ge, Le, Unit, doc
 
-from controllers.signals import Array, Command, nanoseconds
+from controllers.signals import Array, Command, Estimate, nanoseconds
 from heli_twin.lab.mocap import Arrival
-from heli_twin.lab.plant import Plant, Truth
+from heli_twin.lab.plant import Battery, Plant, Truth
+from heli_twin.lab.radio import Held
 
 LONGEST_GAP_S = 1e6
 """A gap between two faults by chance that no flight reaches: a small rate would give one that no integer holds."""
@@ -29,14 +32,21 @@ class Hooks(NamedTuple):
 
     pose: Callable[[Arrival], Arrival | None] | None = None
     """Changes a pose when the cameras have seen it; None if it is lost."""
+    estimate: Callable[[int, Estimate], Estimate | None] | None = None
+    """Takes the time of a control step and its estimate; returns what the controller is given, None for nothing."""
     command: Callable[[int, Command], list[tuple[int, Command]]] | None = None
     """Takes when a command is ready, and the command; returns what the radio is given instead."""
     latency: Callable[[int, int], int] | None = None
     """Takes the time of a control step and its latency; returns its latency."""
+    received: Callable[[int, Held], Held | None] | None = None
+    """Takes the time and the command that the receiver takes over; returns what it holds, None to keep the last."""
     input: Callable[[int, Array, Truth], Array] | None = None
-    """Takes the time, the input (4,) that the receiver holds and the helicopter's state; returns what acts."""
+    """Takes the time, the input (4,) that the receiver holds and the helicopter's state, in which `actuators` are where
+    servos, rotors and yaw drive are; returns the input (4,) that acts on them."""
     gyro: Callable[[int], bool] | None = None
     """Takes the time; returns whether the on-board rate gyro works."""
+    battery: Callable[[int, Battery], Battery | None] | None = None
+    """Takes the time and what the battery is; returns what it tells the ground station, None for nothing."""
 
 
 class Fault(Protocol):
@@ -57,6 +67,9 @@ class Faults:
 
     def __init__(self, faults: Iterable[Hooks]) -> None:
         self._faults = [*faults]
+        self._estimate = [fault.estimate for fault in self._faults if fault.estimate]
+        self._received = [fault.received for fault in self._faults if fault.received]
+        self._battery = [fault.battery for fault in self._faults if fault.battery]
 
     def pose(self, arrival: Arrival | None) -> Arrival | None:
         """Return a pose as the ground station will get it; None if it is lost."""
@@ -64,6 +77,24 @@ class Faults:
             if arrival and fault.pose:
                 arrival = fault.pose(arrival)
         return arrival
+
+    def estimate(self, t: int, estimate: Estimate | None) -> Estimate | None:
+        """Return an estimate as the controller will get it; None if there is none."""
+        for fault in self._estimate:
+            estimate = fault(t, estimate) if estimate else None
+        return estimate
+
+    def received(self, t: int, held: Held | None) -> Held | None:
+        """Return what the receiver holds from `t` on; None if it keeps the last."""
+        for fault in self._received:
+            held = fault(t, held) if held else None
+        return held
+
+    def battery(self, t: int, battery: Battery | None) -> Battery | None:
+        """Return what the battery tells; None for nothing."""
+        for fault in self._battery:
+            battery = fault(t, battery) if battery else None
+        return battery
 
     def commands(self, t: int, latency: int, command: Command) -> list[tuple[int, Command]]:
         """Return what reaches the radio of a command of the control step at `t`, and when."""

@@ -1,6 +1,6 @@
 """The helicopter as it is: the interface of every plant. One file here is one kind of plant."""
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -50,6 +50,8 @@ class Air(NamedTuple):
     """(3,) push that no model explains, world, m/s^2."""
     thrust_factor: float = 1.0
     """Thrust as a fraction of nominal."""
+    moment: Array | None = None
+    """(3,) moment on the helicopter, body, N m; None from a disturbance that gives none."""
 
 
 STILL_AIR = Air(np.zeros(3), np.zeros(3))
@@ -75,6 +77,16 @@ class Plant(Protocol):
 
     def description(self) -> str:
         """Return the simulated model as text to keep with the log (the compiled MJCF; empty if there is none)."""
+        ...
+
+
+@runtime_checkable
+class FeelsMoments(Protocol):
+    """A plant on which the moments of disturbances act; a flight of one that is none warns of them."""
+
+    @property
+    def feels_moments(self) -> bool:
+        """True."""
         ...
 
 

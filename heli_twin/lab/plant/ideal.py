@@ -16,6 +16,8 @@ from heli_twin.lab.plant import Air, Truth
 class Ideal:
     """The helicopter of (1): no attitude, no lag, no delay, always level.
 
+    Moments of disturbances do not act on it: it has no inertia and is always level.
+
     Its `model` is its own copy: a mismatch means that it differs from the controller's. Only the travel of the sticks
     limits the inputs here; the limits (29) are those of the controller.
 

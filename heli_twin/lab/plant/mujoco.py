@@ -180,7 +180,7 @@ class Twin:
     def __init__(self, parts: Parts, spec: Spec, x: Array) -> None:
         mujoco = engine()
         self._spec, self._parts = spec, parts
-        self.gyro_works = True
+        self.gyro_works, self.feels_moments = True, True
         self._steps = 0
         self._effect_steps = max(1, PERIOD_NS // spec.step_ns)
         self._mj_step = mujoco.mj_step
@@ -247,7 +247,7 @@ class Twin:
         """Fly on to `until` (ns) with the input (4,) held; it is clipped to the travel of the sticks.
 
         Wind acts through drag, `air.acceleration` as a force at the centre of gravity, `air.thrust_factor` on the
-        thrust at once.
+        thrust at once, `air.moment` about the axes of the body at each step.
 
         Raises:
             ValueError: `until` is in the past or not on a physics step, or the input is not finite.
@@ -267,7 +267,7 @@ class Twin:
         self._act(u)
         if not self._every_period:
             self._thrust_gain(air.thrust_factor)
-            self._mj_step(self._model, data, target - self._steps)
+            self._step(target - self._steps, air.moment)
             self._steps = target
         while self._steps < target:
             into = self._steps % self._effect_steps
@@ -276,8 +276,19 @@ class Twin:
                 self._act(u, again=True)
             self._thrust_gain(air.thrust_factor * self._physics.thrust)
             steps = min(self._effect_steps - into, target - self._steps)
-            self._mj_step(self._model, data, steps)
+            self._step(steps, air.moment)
             self._steps += steps
+
+    def _step(self, steps: int, moment: Array | None) -> None:
+        """Do some physics steps under a moment (3,), body, N m, which turns with the helicopter."""
+        if moment is None:
+            self._mj_step(self._model, self._data, steps)
+            return
+        torque = self._data.xfrc_applied[self._fuselage, 3:]
+        for _ in range(steps):
+            torque[:] = rotated_to_world(self._parts.motion.now().quat_wxyz, moment)
+            self._mj_step(self._model, self._data, 1)
+        torque[:] = 0.0
 
     def _act(self, u: Array, *, again: bool = False) -> None:
         """Give the input (4,) to servos and rotors; effects change it when it is new, or `again`."""
@@ -373,3 +384,10 @@ def edited(p: MuJoCo, *, visuals: bool) -> Any:
     for effect in by_name(p.effects).values():
         effect.build(spec)
     return spec
+
+
+def rotated_to_world(quat_wxyz: Array, vector_body: Array) -> Array:
+    """Return a vector (3,) of the body in the world, given the attitude (4,), scalar first."""
+    w, axis = quat_wxyz[0], quat_wxyz[1:]
+    turned = 2.0 * np.cross(axis, vector_body)
+    return vector_body + w * turned + np.cross(axis, turned)
