@@ -1,9 +1,10 @@
 """Annotations of spec fields, read where text is converted to values, and the names of several members of a family."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import count
+from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
 Member = TypeVar("Member")
@@ -29,6 +30,14 @@ class Rows:
     """Marks a field that contains rows of numbers: text may name a CSV file with these columns instead."""
 
     columns: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FileContent:
+    """Marks a field that holds a text: where a file is named instead, its content becomes the value."""
+
+    read: Callable[[Path], str]
+    """Returns the content; raises OSError, or ValueError with a sentence that begins with the name of the file."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,7 @@ from heli_twin.experiment.tree import (
     toml_of,
     tree_of,
 )
+from heli_twin.lab.plant.airframe import shape_of
 from heli_twin.recording import Attachment, Log, Recorder
 from heli_twin.recording.state_names import EXTRA_STATES, names_of
 from heli_twin.recording.writer import Listener
@@ -127,6 +128,7 @@ def begin_log(
         metadata=provenance() | _own_origins(experiment) | _extra_states(experiment) | dict(metadata or {}),
         attachments=attachments,
         listeners=listeners,
+        shape=shape_of(experiment.plant),
     )
 
 

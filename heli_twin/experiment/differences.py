@@ -1,5 +1,6 @@
 """The fields in which two experiments differ, and the shortest command that flies an experiment."""
 
+import hashlib
 import json
 import reprlib
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from heli_twin.experiment import Experiment
 from heli_twin.experiment.own import OWN
 from heli_twin.experiment.text import load, presets
 from heli_twin.experiment.tree import Tree, parsed, tree_of
+from heli_twin.experiment.values import cut
 from heli_twin.terminal_text import pasteable
 
 
@@ -116,8 +118,16 @@ def _defaults(path: str, kind: str) -> Tree:
 
 
 def _text(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
+    return told(value) if isinstance(value, str) else json.dumps(value)
 
 
 def _short(value: Any) -> str:
-    return reprlib.repr(value) if isinstance(value, list) else json.dumps(value)
+    return reprlib.repr(value) if isinstance(value, list) else json.dumps(told(value))
+
+
+def told(value: Any) -> Any:
+    """A value for a table or a command: of a text of several lines, its first line and a hash; others as they are."""
+    if not isinstance(value, str) or "\n" not in value:
+        return value
+    first_line, _, _ = value.partition("\n")
+    return f"{cut(first_line, 60)} #{hashlib.sha256(value.encode()).hexdigest()[:8]}"

@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 from annotated_types import DocInfo, Unit
 from pydantic import TypeAdapter
 
-from controllers.markers import EachOf, OneOf, Rows
+from controllers.markers import EachOf, FileContent, OneOf, Rows
 
 
 class FieldInfo(NamedTuple):
@@ -23,6 +23,8 @@ class FieldInfo(NamedTuple):
     doc: str
     columns: tuple[str, ...] = ()
     """Columns of a CSV file that can be given in place of the rows; empty for any other value."""
+    content: FileContent | None = None
+    """Reads a file that can be given in place of its content; None for any other value."""
 
 
 @cache
@@ -39,4 +41,5 @@ def _info(hint: Any) -> FieldInfo:
     text = next((e.documentation for e in extras if isinstance(e, DocInfo)), "")
     plain = family is None and not is_dataclass(bare)
     columns = next((e.columns for e in extras if isinstance(e, Rows)), ())
-    return FieldInfo(bare, TypeAdapter(hint) if plain else None, family, unit, text, columns)
+    content = next((e for e in extras if isinstance(e, FileContent)), None)
+    return FieldInfo(bare, TypeAdapter(hint) if plain else None, family, unit, text, columns, content)

@@ -6,6 +6,7 @@ several disturbances and faults: `"on"` adds the one of that kind with its defau
 """
 
 import csv
+import re
 import reprlib
 import tomllib
 from collections.abc import Iterable, Iterator
@@ -16,7 +17,7 @@ from operator import getitem
 from pathlib import Path
 from typing import Any
 
-from controllers.markers import EachOf, OneOf
+from controllers.markers import EachOf, FileContent, OneOf
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import is_file_reference, is_reference, members, own_member
 from heli_twin.experiment.fields import fields_of
@@ -79,7 +80,15 @@ def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
 def _names_a_kind(path: str, value: Any) -> bool:
     """Return whether a change selects the member of a family at its path."""
     is_member = isinstance(value, str | dict) and value not in ("on", "off") and _holds_member(Experiment, path)
-    return path.endswith(".kind") or is_member
+    return path.endswith(".kind") or is_member or names_content(value)
+
+
+def names_content(value: Any) -> bool:
+    """Return whether a value is the name of a file whose content may be a value; it then selects the member."""
+    return isinstance(value, str) and bool(_CONTENT_FILE.fullmatch(value))
+
+
+_CONTENT_FILE = re.compile(r"[^<>\n]+\.xml")
 
 
 def _holds_member(spec: type, path: str) -> bool:
@@ -114,7 +123,7 @@ def _read(source: str) -> tuple[Tree, int]:
     except _NOT_TOML as error:
         raise ExperimentError(f"{cut(path, 200)} is not valid TOML: {cut(error, 200)}") from None
     for name, value in [*_leaves(tree)]:
-        if isinstance(value, str) and is_file_reference(value):
+        if isinstance(value, str) and (is_file_reference(value) or names_content(value)):
             # A file of the user's own stands beside the TOML that names it.
             table, _, key = name.rpartition(".")
             reduce(getitem, filter(None, table.split(".")), tree)[key] = str(path.parent / value)
@@ -140,7 +149,9 @@ def _toml(text: str) -> Tree:
 
 def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield every value of a tree with its dotted path; `kind` first in its table, because it resets the others."""
-    for key, value in sorted(tree.items(), key=lambda item: (item[0] != OWN, item[0] != "kind")):
+    for key, value in sorted(
+        tree.items(), key=lambda item: (item[0] != OWN, item[0] != "kind", not names_content(item[1]))
+    ):
         if isinstance(value, dict) and value:
             yield from _leaves(value, f"{path}{key}.")
         elif not isinstance(value, dict):
@@ -234,6 +245,8 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 if node[key]["kind"] != value or OWN in node[key]:
                     node[key] = table_of(kinds[value]())
             elif rest:
+                if kind := _kind_by_content(kinds, node[key]["kind"], rest, value):
+                    node[key] = table_of(kinds[kind]())
                 node[key] = without_mark(node[key], ".".join([*table, key]), info.family.package)
                 _put(node[key], kinds[node[key]["kind"]], rest, value, path)
             else:
@@ -248,7 +261,30 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 raise ExperimentError(
                     f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{cut(rest[0])}'"
                 )
-            node[key] = _rows(value, info.columns, path) if info.columns and isinstance(value, str) else value
+            if info.columns and isinstance(value, str):
+                value = _rows(value, info.columns, path)
+            elif info.content and isinstance(value, str) and value and "<" not in value:
+                value = _content(value, info.content, path)
+            node[key] = value
+
+
+def _kind_by_content(kinds: dict[str, type], now: str, rest: list[str], value: Any) -> str | None:
+    """Return the kind whose field takes the content of such a file, if that of now does not: its name selects it."""
+    if not names_content(value) or len(rest) != 1:
+        return None
+    takers = [kind for kind, spec in kinds.items() if (info := fields_of(spec).get(rest[0])) and info.content]
+    return takers[0] if takers and now not in takers else None
+
+
+def _content(file: str, marker: FileContent, path: str) -> str:
+    """Read a file whose content becomes part of the experiment, so that a log can be flown without it."""
+    try:
+        return marker.read(Path(file))
+    except OSError as error:
+        reason = "there is no such file" if isinstance(error, FileNotFoundError) else error.strerror
+        raise ExperimentError(f"{path}: cannot read {cut(Path(file).absolute(), 200)}: {reason}") from None
+    except ValueError as error:
+        raise ExperimentError(f"{path}: {error}") from None
 
 
 def _rows(file: str, columns: tuple[str, ...], path: str) -> list[list[float]]:

@@ -223,7 +223,7 @@ def _toml(spec: Any, here: str) -> Iterator[str]:
             tables.append((name, info, value))
         else:
             value = plain(value)
-            text = f"{name} = {json.dumps(value)}"
+            text = f"{name} = {_toml_text(value) if isinstance(value, str) else json.dumps(value)}"
             if info.columns:
                 text = "\n".join([f"{name} = [", *(f"  {json.dumps(row)}," for row in value), "]"])
             meaning = ": ".join(filter(None, [info.unit, info.doc]))
@@ -242,6 +242,14 @@ def _toml(spec: Any, here: str) -> Iterator[str]:
             yield ""
             yield f"[{here}{name}.{key}]"
             yield from _toml_of_part(member, info, f"{here}{name}.{key}")
+
+
+def _toml_text(text: str) -> str:
+    """A text as TOML writes it, over several lines where it has them; what is not printable is escaped."""
+    if "\n" not in text:
+        return json.dumps(text)
+    escaped = text.replace("\\", "\\\\").replace('"""', '""\\"')
+    return '"""\n' + "".join(c if c.isprintable() or c == "\n" else f"\\U{ord(c):08x}" for c in escaped) + '"""'
 
 
 def _toml_of_part(part: Any, info: FieldInfo, path: str) -> Iterator[str]:

@@ -13,6 +13,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from controllers.rotations import wrap_angle
 from controllers.signals import Array
+from heli_twin.lab.plant.shape import Primitive
 from heli_twin.recording import cdr
 from heli_twin.recording.foxglove import FrameTransform, PackedElementField, PointCloud, Pose, Quaternion, Vector3
 from heli_twin.recording.packing import Layout
@@ -21,7 +22,6 @@ from heli_twin.recording.shape import urdf
 
 BODY = "helicopter"
 """Name of the body's frame and of the URDF's only moving link."""
-_URDF = urdf(BODY, FRAME)
 
 WANTED, PLANNED = 0xD8DCE3FF, 0xFFA62BFF
 """Colours of the reference and the plan, RGBA."""
@@ -42,7 +42,13 @@ class Viewers:
     Message objects are reused: protobuf takes five times as long to make a new one as to serialise it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, shape: Sequence[Primitive] = ()) -> None:
+        """Begin a flight.
+
+        Args:
+            shape: Of the helicopter; empty for the mCX2.
+        """
+        self._urdf = urdf(BODY, FRAME, shape)
         self._tf_due = self._horizon_due = self._plot_due = 0
         self._truth = self._reference = b""
         self._transform = FrameTransform(parent_frame_id=FRAME, child_frame_id=BODY)
@@ -53,7 +59,7 @@ class Viewers:
 
     def description(self) -> Timed:
         """The message with the URDF of the helicopter."""
-        return "/robot_description", 0, cdr.string(_URDF)
+        return "/robot_description", 0, cdr.string(self._urdf)
 
     def reference_path(self, t: int, points: Array) -> Timed:
         """The message with the whole reference path, (n, 3) world, m."""

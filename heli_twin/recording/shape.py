@@ -4,26 +4,13 @@ The URDF in every log and the Rerun scene are both made from these lists. Length
 """
 
 from math import pi
-from typing import Literal, NamedTuple
+from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-Triple = tuple[float, float, float]
+from heli_twin.lab.plant.shape import Primitive
 
 RED, WHITE, DARK, METAL, TIP = 0xD93A26FF, 0xF2F2EDFF, 0x3A3C42FF, 0xA0A4ABFF, 0xFACC1FFF
 DISC = 0x6FA8DC10
-
-
-class Primitive(NamedTuple):
-    """One solid of the URDF: sphere (radius), cylinder about z (radius, length) or box (three lengths)."""
-
-    kind: Literal["sphere", "cylinder", "box"]
-    size: tuple[float, ...]
-    centre: Triple
-    colour: int
-    """RGBA."""
-    rpy: Triple = (0.0, 0.0, 0.0)
-    """Roll, pitch, yaw from the body's axes to the primitive's, rad."""
-
 
 _ALONG_X, _ALONG_Y = (0.0, pi / 2, 0.0), (pi / 2, 0.0, 0.0)
 _CANOPY = [0.036 - 0.004 * i for i in range(24)]
@@ -61,16 +48,22 @@ STABILISER = (
 """The bar above the upper rotor, which turns with it."""
 
 
-def urdf(name: str, root: str) -> str:
-    """The helicopter as a URDF whose one moving link is `name`, its parent `root`."""
-    robot = ET.Element("robot", name="mCX2")
+def urdf(name: str, root: str, parts: Sequence[Primitive] = ()) -> str:
+    """A helicopter as a URDF whose one moving link is `name`, its parent `root`.
+
+    Args:
+        name: Of the link.
+        root: Of its parent.
+        parts: Its shape; empty for the mCX2.
+    """
+    robot = ET.Element("robot", name="airframe" if parts else "mCX2")
     ET.SubElement(robot, "link", name=root)
     joint = ET.SubElement(robot, "joint", name="flight", type="floating")
     ET.SubElement(joint, "parent", link=root)
     ET.SubElement(joint, "child", link=name)
     link = ET.SubElement(robot, "link", name=name)
     lower = [part._replace(rpy=(0.0, 0.0, 1.2)) for part in ROTOR_LOWER[:3]]
-    for part in (*FUSELAGE, *lower, *ROTOR_UPPER, *STABILISER):
+    for part in parts or (*FUSELAGE, *lower, *ROTOR_UPPER, *STABILISER):
         visual = ET.SubElement(link, "visual")
         ET.SubElement(visual, "origin", xyz=_text(part.centre), rpy=_text(part.rpy))
         geometry = ET.SubElement(visual, "geometry")
@@ -81,6 +74,11 @@ def urdf(name: str, root: str) -> str:
                 ET.SubElement(geometry, "cylinder", radius=_text(part.size[:1]), length=_text(part.size[1:]))
             case "box":
                 ET.SubElement(geometry, "box", size=_text(part.size))
+            case "ellipsoid":
+                # A URDF has none: a box of the same volume.
+                ET.SubElement(
+                    geometry, "box", size=_text(tuple(2.0 * (pi / 6) ** (1 / 3) * half for half in part.size))
+                )
         material = ET.SubElement(visual, "material", name=f"{part.colour:08x}")
         ET.SubElement(material, "color", rgba=_text(tuple(byte / 255 for byte in part.colour.to_bytes(4, "big"))))
     return ET.tostring(robot, encoding="unicode")

@@ -11,6 +11,7 @@ import numpy as np
 
 from controllers.signals import NX, Array, Command, Estimate, Plan, Pose, QpReport, Reference
 from heli_twin.lab.plant import Air, Battery, Truth
+from heli_twin.lab.plant.shape import Primitive
 from heli_twin.recording.derived_topics import Timed, Viewers, timestamp
 from heli_twin.recording.foxglove import LogMessage
 from heli_twin.recording.growing_file import LogFile
@@ -72,6 +73,7 @@ class Recorder:
         metadata: Mapping[str, str] | None = None,
         attachments: Sequence[Attachment] = (),
         listeners: Sequence[Listener] = (),
+        shape: Sequence[Primitive] = (),
     ) -> None:
         """Open the log and write the experiment, the metadata and the attachments.
 
@@ -81,6 +83,7 @@ class Recorder:
             metadata: Facts that do not determine the flight: versions, platform, commit, wall-clock start.
             attachments: Files to keep with the flight.
             listeners: Called with every message.
+            shape: The drawn shape of the helicopter; empty for the mCX2.
 
         Raises:
             LogError: The file exists already or cannot be written.
@@ -107,7 +110,7 @@ class Recorder:
             raise LogError(f"the log {path} cannot be written: make room or record to another folder")
         self._channels = {topic.name: self._mcap.channel(*topic) for topic in TOPICS}
         self._layouts = dict(LAYOUTS)
-        self._viewers = Viewers()
+        self._viewers = Viewers(shape)
         self._hash.update(self._write([self._viewers.description()]))
 
     def truth(self, t: int, truth: Truth) -> None:

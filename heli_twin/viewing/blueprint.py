@@ -7,6 +7,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from controllers.signals import Array, NamedState
+from heli_twin.lab.plant.shape import Primitive
 from heli_twin.recording.log import Log
 from heli_twin.viewing.style import INPUTS, POSITIONS, Source
 
@@ -32,6 +33,8 @@ class Scales(NamedTuple):
     source: Source = "truth"
     states: tuple[NamedState, ...] = ()
     """Names and units of the estimator's further states."""
+    shape: tuple[Primitive, ...] = ()
+    """Of the helicopter; empty for the mCX2."""
 
     def for_source(self, log: Log) -> "Scales":
         """The same for a log as it was read."""

@@ -56,7 +56,7 @@ def show(log: Log, destination: Destination, scales: Scales) -> None:
     scales = scales.for_log(log)
 
     def fill(stream: rr.RecordingStream) -> None:
-        send_static(stream, source=scales.source)
+        send_static(stream, source=scales.source, shape=scales.shape)
         send(stream, log, scales)
 
     deliver(destination, layout(scales), fill)
@@ -138,7 +138,7 @@ class Live:
         if stream is None:
             self._tell(f"{self._destination.no_viewer()}; the flight goes on without its picture")
         else:
-            send_static(stream)
+            send_static(stream, shape=self._scales.shape)
         return stream
 
     def _show(self, slices: Sequence[Slice]) -> None:

@@ -12,6 +12,7 @@ from controllers.rotations import yaw_of
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.differences import differences
+from heli_twin.lab.plant.airframe import shape_of
 from heli_twin.logbook import planned_path, viewed_experiment
 from heli_twin.recording import Log, read_log
 from heli_twin.recording.log import Messages
@@ -27,11 +28,11 @@ VIEWER_PORT = 9876
 
 
 def scales_of(experiment: Experiment) -> Scales:
-    """Limits, deadline and planned path, with which the plots of an experiment's flight compare."""
+    """Limits, deadline, planned path and the helicopter's shape: what an experiment tells its pictures."""
     controller = experiment.controller
     limits = controller.model.u_min, controller.model.u_max
-    states = extra_states(experiment.estimator)
-    return Scales(*limits, controller.period, planned_path(experiment), states=states)
+    states, shape = extra_states(experiment.estimator), shape_of(experiment.plant)
+    return Scales(*limits, controller.period, planned_path(experiment), states=states, shape=shape)
 
 
 def destination(where: str) -> Destination:

@@ -8,7 +8,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from heli_twin.recording.shape import FUSELAGE, RED, ROTOR_LOWER, ROTOR_UPPER, STABILISER, Primitive
+from heli_twin.lab.plant.shape import Primitive
+from heli_twin.recording.shape import FUSELAGE, RED, ROTOR_LOWER, ROTOR_UPPER, STABILISER
 
 FLOWN, WANTED, PLANNED, BELIEVED, SEEN = 0x4FA3FFFF, 0xD8DCE3FF, 0xFFA62BFF, 0x4CD4A5FF, 0xC58BFFFF
 LIMIT, AXES, YAW = 0xFF5A5FFF, (0xFF6B6BFF, 0x7BD389FF, 0x5AA9FFFF), 0xFFD166FF
@@ -56,10 +57,15 @@ class Look(NamedTuple):
 ALONE = Look()
 
 
-def send_static(stream: rr.RecordingStream, look: Look = ALONE, source: Source = "truth") -> None:
-    """Send the shape of the helicopter, and names and colours of every series."""
+def send_static(
+    stream: rr.RecordingStream,
+    look: Look = ALONE,
+    source: Source = "truth",
+    shape: Sequence[Primitive] = (),
+) -> None:
+    """Send the shape of the helicopter (empty: the mCX2), and names and colours of every series."""
     stream.log(look.path("world"), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    _send_scene(stream, look)
+    _send_scene(stream, look, shape)
     for path, series in _series(source):
         names, colours, widths = zip(*series, strict=True)
         held = path.startswith(("input", "air"))
@@ -81,15 +87,12 @@ def lines(
     return rr.SeriesLines(names=names, colors=rgba(colours), widths=widths, interpolation_mode=mode)
 
 
-def _send_scene(stream: rr.RecordingStream, look: Look) -> None:
+def _send_scene(stream: rr.RecordingStream, look: Look, shape: Sequence[Primitive]) -> None:
     body = look.path("world/helicopter")
     fuselage = [part._replace(colour=look.body) if part.colour == RED else part for part in FUSELAGE]
-    for path, parts in (
-        (f"{body}/fuselage", fuselage),
-        (f"{body}/rotor_lower", ROTOR_LOWER),
-        (f"{body}/rotor_upper", ROTOR_UPPER + STABILISER),
-    ):
-        _send_parts(stream, path, parts)
+    mcx2 = {"fuselage": fuselage, "rotor_lower": ROTOR_LOWER, "rotor_upper": ROTOR_UPPER + STABILISER}
+    for name, parts in ({"fuselage": _told_apart(shape, look)} if shape else mcx2).items():
+        _send_parts(stream, f"{body}/{name}", parts)
     for path, width, colour in (
         ("trail", 0.004, look.flown),
         ("horizon", 0.006, PLANNED),
@@ -105,6 +108,13 @@ def _send_scene(stream: rr.RecordingStream, look: Look) -> None:
     if look.name:
         name = rr.Points3D([NAME_OFFSET], labels=[look.name], colors=rgba([look.flown]), radii=0.001, show_labels=True)
         stream.log(f"{body}/name", name, static=True)
+
+
+def _told_apart(shape: Sequence[Primitive], look: Look) -> Sequence[Primitive]:
+    """A user's shape; one of two flights in its colour, as far as it is not translucent."""
+    if not look.name:
+        return shape
+    return [part._replace(colour=look.body) if part.colour & 0xFF == 0xFF else part for part in shape]
 
 
 Series = tuple[str, int, float]
@@ -135,10 +145,19 @@ def _series(source: Source) -> Iterator[tuple[str, Sequence[Series]]]:
 
 def _send_parts(stream: rr.RecordingStream, path: str, parts: Sequence[Primitive]) -> None:
     """Draw primitives, all of one kind together."""
-    spheres, cylinders, boxes = (
-        [part for part in parts if part.kind == kind] for kind in ("sphere", "cylinder", "box")
+    spheres, cylinders, boxes, ellipsoids = (
+        [part for part in parts if part.kind == kind] for kind in ("sphere", "cylinder", "box", "ellipsoid")
     )
     solid = rr.components.FillMode.Solid
+    if ellipsoids:
+        shape = rr.Ellipsoids3D(
+            half_sizes=[part.size for part in ellipsoids],
+            centers=[part.centre for part in ellipsoids],
+            quaternions=[_quat_xyzw(part.rpy) for part in ellipsoids],
+            colors=rgba(part.colour for part in ellipsoids),
+            fill_mode=solid,
+        )
+        stream.log(f"{path}/ellipsoids", shape, static=True)
     if spheres:
         shape = rr.Ellipsoids3D(
             radii=[part.size[0] for part in spheres],

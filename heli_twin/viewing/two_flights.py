@@ -57,7 +57,7 @@ def show_both(
     def fill(stream: rr.RecordingStream) -> None:
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for flight, look in zip(flights, LOOKS, strict=True):
-            send_static(stream, look, flight.scales.source)
+            send_static(stream, look, flight.scales.source, flight.scales.shape)
             send(stream, flight.log, flight.scales, look.path(""))
             for entity_rows in _errors(flight.log, look):
                 send_rows(stream, entity_rows)
