@@ -80,15 +80,51 @@ def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
 def _names_a_kind(path: str, value: Any) -> bool:
     """Return whether a change selects the member of a family at its path."""
     is_member = isinstance(value, str | dict) and value not in ("on", "off") and _holds_member(Experiment, path)
-    return path.endswith(".kind") or is_member or names_content(value)
+    return path.endswith(".kind") or is_member or (_is_content(value) and _content_field(Experiment, path) is not None)
 
 
-def names_content(value: Any) -> bool:
-    """Return whether a value is the name of a file whose content may be a value; it then selects the member."""
-    return isinstance(value, str) and bool(_CONTENT_FILE.fullmatch(value))
+def with_content(path: str, value: Any, folder: Path) -> Any:
+    """Return a value with the content of each file that it names, where a field holds the content of a file.
+
+    So an experiment is complete before it is flown, and a path in a log or a store is followed by nobody.
+
+    Args:
+        path: Dotted path of a field or a table; empty for a whole experiment.
+        value: The value, a table, or a list of values, as for an axis of a study.
+        folder: Where the files are.
+
+    Raises:
+        ExperimentError: A file cannot be read, or its content is refused.
+    """
+    if isinstance(value, dict):
+        return {key: with_content(f"{path}.{key}".lstrip("."), inner, folder) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [with_content(path, inner, folder) for inner in value]
+    if not isinstance(value, str) or not _CONTENT_FILE.fullmatch(value):
+        return value
+    field = _content_field(Experiment, path)
+    return value if field is None else _content(folder / value, field, path)
 
 
 _CONTENT_FILE = re.compile(r"[^<>\n]+\.xml")
+
+
+def _is_content(value: Any) -> bool:
+    return isinstance(value, str) and value.lstrip().startswith("<")
+
+
+def _content_field(spec: type, path: str) -> FileContent | None:
+    """Return the mark of the field that a path leads to for some kinds of the members above it, if it has one."""
+    key, _, rest = path.partition(".")
+    info = fields_of(spec).get(key)
+    if info is None or info.adapter is not None:
+        return info.content if info and not rest else None
+    if info.family is None:
+        return _content_field(info.type, rest)
+    if isinstance(info.family, EachOf):
+        _, _, rest = rest.partition(".")
+    found = (_content_field(kind, rest) for kind in members(info.family.package).values())
+    return next(filter(None, found), None)
 
 
 def _holds_member(spec: type, path: str) -> bool:
@@ -123,7 +159,7 @@ def _read(source: str) -> tuple[Tree, int]:
     except _NOT_TOML as error:
         raise ExperimentError(f"{cut(path, 200)} is not valid TOML: {cut(error, 200)}") from None
     for name, value in [*_leaves(tree)]:
-        if isinstance(value, str) and (is_file_reference(value) or names_content(value)):
+        if isinstance(value, str) and is_file_reference(value):
             # A file of the user's own stands beside the TOML that names it.
             table, _, key = name.rpartition(".")
             reduce(getitem, filter(None, table.split(".")), tree)[key] = str(path.parent / value)
@@ -134,7 +170,7 @@ def _read(source: str) -> tuple[Tree, int]:
             f" {PHYSICS_VERSION}; update it,"
             " or remove the line to read the file with today's defaults"
         )
-    return tree, version
+    return with_content("", tree, path.parent), version
 
 
 _NOT_TOML = (ValueError, RecursionError)
@@ -148,9 +184,9 @@ def _toml(text: str) -> Tree:
 
 
 def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield every value of a tree with its dotted path; `kind` first in its table, because it resets the others."""
+    """Yield every value of a tree with its dotted path; in its table, what selects the kind and resets all comes first."""
     for key, value in sorted(
-        tree.items(), key=lambda item: (item[0] != OWN, item[0] != "kind", not names_content(item[1]))
+        tree.items(), key=lambda item: (item[0] != OWN, item[0] != "kind", not _is_content(item[1]))
     ):
         if isinstance(value, dict) and value:
             yield from _leaves(value, f"{path}{key}.")
@@ -186,6 +222,7 @@ def assignment(text: str, example: str = "path.to.field=value, such as plant.mas
 def _override(text: str) -> tuple[str, Any, int]:
     """Parse an override, also `part=FILE.toml`; return its path, value and the physics version it was written for."""
     path, value = assignment(text)
+    value = with_content(path, value, Path())
     if isinstance(value, str) and value.endswith(".toml"):
         return path, *_table_in(value, path)
     return path, value, PHYSICS_VERSION
@@ -261,28 +298,23 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 raise ExperimentError(
                     f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{cut(rest[0])}'"
                 )
-            if info.columns and isinstance(value, str):
-                value = _rows(value, info.columns, path)
-            elif info.content and isinstance(value, str) and value and "<" not in value:
-                value = _content(value, info.content, path)
-            node[key] = value
+            node[key] = _rows(value, info.columns, path) if info.columns and isinstance(value, str) else value
 
 
 def _kind_by_content(kinds: dict[str, type], now: str, rest: list[str], value: Any) -> str | None:
-    """Return the kind whose field takes the content of such a file, if that of now does not: its name selects it."""
-    if not names_content(value) or len(rest) != 1:
+    """Return the kind with a field for such a content, if that of now has none: the content selects the member."""
+    if not _is_content(value) or len(rest) != 1:
         return None
     takers = [kind for kind, spec in kinds.items() if (info := fields_of(spec).get(rest[0])) and info.content]
     return takers[0] if takers and now not in takers else None
 
 
-def _content(file: str, marker: FileContent, path: str) -> str:
-    """Read a file whose content becomes part of the experiment, so that a log can be flown without it."""
+def _content(file: Path, field: FileContent, path: str) -> str:
     try:
-        return marker.read(Path(file))
+        return field.read(file)
     except OSError as error:
         reason = "there is no such file" if isinstance(error, FileNotFoundError) else error.strerror
-        raise ExperimentError(f"{path}: cannot read {cut(Path(file).absolute(), 200)}: {reason}") from None
+        raise ExperimentError(f"{path}: cannot read {cut(error.filename or file.absolute(), 200)}: {reason}") from None
     except ValueError as error:
         raise ExperimentError(f"{path}: {error}") from None
 

@@ -3,8 +3,8 @@
 The URDF in every log and the Rerun scene are both made from these lists. Lengths in m.
 """
 
-from math import pi
 from collections.abc import Sequence
+from math import pi
 from xml.etree import ElementTree as ET
 
 from heli_twin.lab.plant.shape import Primitive

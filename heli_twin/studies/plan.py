@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from controllers.markers import OneOf
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.differences import told
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.text import load, presets
@@ -173,7 +174,7 @@ def shown_value(value: Any) -> Any:
         kind = value.get("kind", "")
         rest = [f"{key}={shown_value(inner)}" for key, inner in value.items() if key != "kind"]
         return " ".join([kind, *rest] if kind else rest)
-    return json.dumps(value) if isinstance(value, list | tuple) else value
+    return json.dumps(value) if isinstance(value, list | tuple) else told(value)
 
 
 def run_id(experiment: str) -> str:

@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Le, MinLen, doc
 
 from controllers.markers import OneOf
 from heli_twin.experiment.families import members
-from heli_twin.experiment.text import assignment
+from heli_twin.experiment.text import assignment, with_content
 from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
@@ -100,9 +100,11 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
     tree.setdefault("name", path.stem)
     check_plain(tree)
     _read_parts(tree)
+    _read_contents(tree, path.parent)
     for text in overrides:
         _override(tree, text)
         _read_parts(tree)
+        _read_contents(tree, Path())
     return study_of(tree)
 
 
@@ -137,6 +139,15 @@ def _read_parts(tree: Tree) -> None:
             changes[part], records = _part(path, part)
             if isinstance(tree.setdefault("tuning", []), list):
                 tree["tuning"] = [*tree["tuning"], *records]
+
+
+def _read_contents(tree: Tree, folder: Path) -> None:
+    """Put the contents of files in place of their names, where a field of an experiment holds one."""
+    for name in ("base", "axes"):
+        if isinstance(changes := tree.get(name), dict):
+            tree[name] = with_content("", changes, folder)
+    if isinstance(alternatives := tree.get("alternatives"), dict):
+        tree["alternatives"] = {name: with_content("", changes, folder) for name, changes in alternatives.items()}
 
 
 def _files(changes: Tree) -> dict[str, Path]:

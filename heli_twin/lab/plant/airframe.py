@@ -246,7 +246,7 @@ def _shape(text: str) -> tuple[Primitive, ...]:
         R = turn.T @ data.geom_xmat[i].reshape(3, 3)
         centre = turn.T @ (data.geom_xpos[i] - origin)
         rgba = model.geom_rgba[i] if model.geom_matid[i] < 0 else model.mat_rgba[model.geom_matid[i]]
-        colour = int.from_bytes(bytes(int(round(255 * min(max(float(c), 0.0), 1.0))) for c in rgba), "big")
+        colour = int.from_bytes(bytes(round(255.0 * min(max(float(c), 0.0), 1.0)) for c in rgba), "big")
         parts += _primitives(mujoco.mjtGeom(int(model.geom_type[i])).name, model, i, centre, R, colour)
     return tuple(parts)
 

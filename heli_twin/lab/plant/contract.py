@@ -1,18 +1,18 @@
 """The contract that a user's MJCF keeps so that it flies here, and what of it is missing.
 
-World: x north, y west, z up; m, kg, s. The body `fuselage` is the helicopter, and what the cameras see: its origin at the
-centre of gravity, x to the nose, y to port, z up.
+World: x north, y west, z up; m, kg, s. The body `fuselage` is the helicopter, and what the cameras see: its origin at
+the centre of gravity, x to the nose, y to port, z up.
 
-1. `fuselage` hangs on a free joint, or on slides x, y, z and hinges yaw, pitch, roll as in `models/mcx2.xml`; these come
-   first in the model.
+1. `fuselage` hangs on a free joint, or on slides x, y, z and hinges yaw, pitch, roll as in `models/mcx2.xml`; these
+   come first in the model.
 2. The first four actuators are the sticks u_x, u_y, u_z, u_yaw: of any type, with or without a lag (`dyntype` none,
    filter or filterexact), `ctrlrange` -1 1, and 0 1 for u_z. Positive is forwards, to port, up, and nose to port.
    A stick asks for a tilt: what stabilises the attitude is a part of the model.
 3. The key frame `hover` has the `ctrl` with which it stays where it is in still air.
 
-Optional: the actuator `gyro`, whose `biasprm` damps the yaw of a free body (the fault gyro_failure switches it off); the
-geom `floor`, else one is added; wind acts by the engine's medium (`option viscosity`, `density`), or through the body
-`air` of `models/mcx2.xml`. Effects act on `fuselage`, and need the sites and actuators that they name.
+Optional: the actuator `gyro`, whose `biasprm` damps the yaw of a free body (the fault gyro_failure switches it off);
+the geom `floor`, else one is added; wind acts by the engine's medium (`option viscosity`, `density`), or through the
+body `air` of `models/mcx2.xml`. Effects act on `fuselage`, and need the sites and actuators that they name.
 """
 
 from collections.abc import Iterator

@@ -75,7 +75,7 @@ def read_text(file: Path) -> str:
 
 @lru_cache(maxsize=64)
 def normal_form(text: str) -> str:
-    """Return the text without comments and without what changes no flight, indented; the same for the same model.
+    """Return the text without comments and without what changes no flight, indented.
 
     Raises:
         ValueError: One sentence that says what is not allowed in it.
@@ -140,6 +140,8 @@ def _parsed(text: str) -> ET.Element:
     most = MAX_TEXT_BYTES + 2 * MAX_MESH_BYTES
     if len(text) > most:
         raise ValueError(f"has {len(text):,} characters: at most {most:,} are allowed")
+    if "<" not in text:
+        raise ValueError("is no MJCF: give the name of a file that ends in .xml, or its text")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ValueError("has a document type, which can define entities: take it out")
     try:
@@ -235,7 +237,7 @@ def _beside(file: Path, below: str, name: str) -> Path:
 
 def _bytes(file: Path, most: int, what: str) -> bytes:
     if file.exists() and not file.is_file():
-        raise ValueError(f"names {clean(str(file), 200)}, which is no file")
+        raise ValueError(f"cannot be read: {clean(str(file), 200)} is no file")
     with file.open("rb") as stream:
         data = stream.read(most + 1)
     if len(data) > most:
