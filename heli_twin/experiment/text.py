@@ -184,7 +184,7 @@ def _toml(text: str) -> Tree:
 
 
 def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield every value of a tree with its dotted path; what selects the kind comes first, because it resets the others."""
+    """Yield every value of a tree with its dotted path; what selects the kind comes first, as it resets the others."""
     for key, value in sorted(
         tree.items(), key=lambda item: (item[0] != OWN, item[0] != "kind", not _is_content(item[1]))
     ):
