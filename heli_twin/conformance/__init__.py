@@ -16,21 +16,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.flatness import feed_forward, state
+from controllers.laws import extra_states, flat_derivatives
 from controllers.model import Model
 from controllers.reference import ReferencePreview, check_feasible
-from controllers.signals import Array, Command, Estimate, Pose, Reference, nanoseconds
-from controllers.trajectories import fitted
+from controllers.signals import Array, Command, Estimate, Plan, Pose, Reference, nanoseconds
+from controllers.trajectories import SmoothTrajectory, fitted
 from controllers.trajectories.hover import Hover
-from heli_twin.errors import HeliTwinError
-from heli_twin.lab.disturbances import PERIOD_NS
+from heli_twin.conformance import faults, supervisors
+from heli_twin.conformance.rules import NotConforming, close, names_its_further_states, require, same
+from heli_twin.lab.disturbances import ALONE, PERIOD_NS, air_of
 from heli_twin.lab.plant import STILL_AIR, Air
 from heli_twin.lab.plant.ideal import Ideal
 
 MODEL = Model()
-
-
-class NotConforming(HeliTwinError):
-    """A member of a family breaks a rule of it; the message names the rule and the value that breaks it."""
 
 
 class Verdict(NamedTuple):
@@ -60,28 +58,19 @@ def verdicts(family: str, spec: type) -> Iterator[Verdict]:
             yield Verdict(rule, "")
 
 
-def _require(holds: Any, text: str) -> None:
-    if not holds:
-        raise NotConforming(text)
-
-
-def _same(one: Sequence[Array], two: Sequence[Array]) -> bool:
-    return len(one) == len(two) and all(np.array_equal(a, b, equal_nan=True) for a, b in zip(one, two, strict=True))
-
-
 def is_a_frozen_value(member: Any) -> None:
     """It is a frozen dataclass whose first field is its kind, equal to another of the same fields, and hashable."""
     spec = type(member)
-    _require(is_dataclass(member), f"{spec.__name__} is no dataclass: write @dataclass(frozen=True)")
-    _require(fields(member)[0].name == "kind", f"the first field of {spec.__name__} has to be kind")
+    require(is_dataclass(member), f"{spec.__name__} is no dataclass: write @dataclass(frozen=True)")
+    require(fields(member)[0].name == "kind", f"the first field of {spec.__name__} has to be kind")
     try:
         member.kind = member.kind
     except FrozenInstanceError:
         pass
     else:
         raise NotConforming(f"{spec.__name__} can be changed: write @dataclass(frozen=True)")
-    _require(spec() == spec() and hash(spec()) == hash(spec()), f"two {spec.__name__}() are not equal")
-    _require(spec.__doc__, f"{spec.__name__} has no docstring: say in a sentence what it is")
+    require(spec() == spec() and hash(spec()) == hash(spec()), f"two {spec.__name__}() are not equal")
+    require(spec.__doc__, f"{spec.__name__} has no docstring: say in a sentence what it is")
 
 
 _STEP_S = 1e-4
@@ -93,18 +82,13 @@ def _slope(values: Callable[[Array], Array]) -> Array:
     return (values(_TIMES_S + _STEP_S) - values(_TIMES_S - _STEP_S)) / (2.0 * _STEP_S)
 
 
-def _close(found: Array, wanted: Array, tolerance: float, text: str) -> None:
-    worst = float(np.abs(found - wanted).max())
-    _require(worst <= tolerance, f"{text}: off by {worst:.3g}, {tolerance:g} is allowed")
-
-
 def has_true_derivatives(trajectory: Any) -> None:
     """The derivatives of its flat outputs are those of its path."""
     flat = fitted(trajectory, MODEL).flat
     # Half the step squared times the third derivative (below 50 in a room) is 3e-7; where that one jumps, at the end
     # of a ramp, the step times the jump: 1e-3 at most.
-    _close(_slope(lambda t: flat(t).z), flat(_TIMES_S).dz, 1e-6, "dz is not the derivative of z")
-    _close(_slope(lambda t: flat(t).dz), flat(_TIMES_S).ddz, 1e-3, "ddz is not the derivative of dz")
+    close(_slope(lambda t: flat(t).z), flat(_TIMES_S).dz, 1e-6, "dz is not the derivative of z")
+    close(_slope(lambda t: flat(t).dz), flat(_TIMES_S).ddz, 1e-3, "ddz is not the derivative of dz")
 
 
 def can_be_flown_in_the_room(trajectory: Any) -> None:
@@ -115,8 +99,8 @@ def can_be_flown_in_the_room(trajectory: Any) -> None:
 def starts_at_rest(trajectory: Any) -> None:
     """It starts at rest, so that nothing jumps at the first command."""
     flat = fitted(trajectory, MODEL).flat(np.zeros(1))
-    _close(flat.dz, np.zeros((1, 4)), 0.0, "it moves at time 0")
-    _close(feed_forward(MODEL, flat)[0], np.array(MODEL.u_hover), 1e-12, "its first input is no hover")
+    close(flat.dz, np.zeros((1, 4)), 0.0, "it moves at time 0")
+    close(feed_forward(MODEL, flat)[0], np.array(MODEL.u_hover), 1e-12, "its first input is no hover")
 
 
 def is_finite_and_above_the_floor(trajectory: Any) -> None:
@@ -124,9 +108,9 @@ def is_finite_and_above_the_floor(trajectory: Any) -> None:
     t = np.concatenate([[0.0], np.geomspace(1e-9, 36_000.0, 2000)])
     flat = fitted(trajectory, MODEL).flat(t)
     for name, values in zip(("z", "dz", "ddz"), flat, strict=False):
-        _require(values.shape == (len(t), 4), f"{name} has shape {values.shape}, not ({len(t)}, 4)")
-        _require(np.isfinite(values).all(), f"{name} is not finite at some time")
-    _require((flat.z[:, 2] > 0.0).all(), f"it goes down to {flat.z[:, 2].min():.3g} m")
+        require(values.shape == (len(t), 4), f"{name} has shape {values.shape}, not ({len(t)}, 4)")
+        require(np.isfinite(values).all(), f"{name} is not finite at some time")
+    require((flat.z[:, 2] > 0.0).all(), f"it goes down to {flat.z[:, 2].min():.3g} m")
 
 
 def is_a_function_of_time(trajectory: Any) -> None:
@@ -135,14 +119,39 @@ def is_a_function_of_time(trajectory: Any) -> None:
     together = flat(t)
     for i in (0, 37, 100):
         # Vectorised sines may differ in their last digit.
-        _close(flat(t[i : i + 1]).z[0], together.z[i], 1e-12, "z depends on the other times")
-        _close(flat(t[i : i + 1]).ddz[0], together.ddz[i], 1e-9, "ddz depends on the other times")
+        close(flat(t[i : i + 1]).z[0], together.z[i], 1e-12, "z depends on the other times")
+        close(flat(t[i : i + 1]).ddz[0], together.ddz[i], 1e-9, "ddz depends on the other times")
+
+
+_HIGHEST = 6
+"""Highest derivative that is checked."""
+
+
+def has_true_higher_derivatives(trajectory: Any) -> None:
+    """If it gives higher derivatives, they belong to its path, and those it calls continuous do not jump."""
+    trajectory = fitted(trajectory, MODEL)
+    if not isinstance(trajectory, SmoothTrajectory):
+        return
+    of = trajectory.derivatives
+    found = of(_TIMES_S, _HIGHEST)
+    require(found.shape == (_HIGHEST + 1, len(_TIMES_S), 4), f"derivatives(t, {_HIGHEST}) has shape {found.shape}")
+    close(found[:3], np.stack(trajectory.flat(_TIMES_S)), 1e-9, "derivatives are not those of flat()")
+    largest = np.abs(found).max(axis=(1, 2))
+    for k in range(2, _HIGHEST):
+        slope = _slope(lambda t, k=k: of(t, k)[k])
+        off = np.abs(slope - found[k + 1]).max(axis=1) > 1e-3 * max(largest[k + 1], largest[k], 1e-9)
+        # Within 0.1 ms of a jump the central difference means nothing: allowed at 2 % of the times.
+        require(off.mean() <= 0.02, f"derivative {k + 1} is not the slope of derivative {k}")
+    for k in range(min(trajectory.smoothness, _HIGHEST - 1) + 1):
+        step = float(np.abs(np.diff(found[k], axis=0)).max())
+        most = 1.01 * largest[k + 1] * float(_TIMES_S[1] - _TIMES_S[0]) + 1e-9
+        require(step <= most, f"derivative {k} jumps by {step:.3g}, and smoothness is {trajectory.smoothness}")
 
 
 def _hover_steps(law: Any, count: int = 40) -> tuple[list[Array], list[tuple[Estimate, Reference]]]:
     """The commands of a law in a hover that it is pushed out of, and what it was given."""
     period = nanoseconds(law.period)
-    preview = ReferencePreview(Hover(), law.model, period, 0)
+    preview = ReferencePreview(Hover(), law.model, period, 0, flat_derivatives(law))
     plant = Ideal(step=law.period).start(state(Hover().flat(np.zeros(1)))[0])
     controller, sent, given = law.start(), [], []
     for k in range(count):
@@ -154,33 +163,47 @@ def _hover_steps(law: Any, count: int = 40) -> tuple[list[Array], list[tuple[Est
         estimate = Estimate(now, x, np.zeros(4), np.full((4, 3), 1e-4), now, 0)
         reference = preview(now, law.steps)
         command = controller.explain(controller.step(now, estimate, reference))
+        _is_a_plan_of(law, command.plan)
         sent.append(np.array(command.u))
         given.append((estimate, reference))
         plant.advance(now + period, np.clip(command.u, -1, 1), Air(np.zeros(3), np.array([0.3, -0.2, 0.1])))
     return sent, given
 
 
+def _is_a_plan_of(law: Any, plan: Plan | None) -> None:
+    """Refuse a plan that no log can hold."""
+    if plan is None:
+        return
+    rows, width = plan.x.shape
+    right = width in (8, 10) and plan.u.shape == plan.u_nominal.shape == (rows - 1, 4)
+    require(right, f"a plan has states {plan.x.shape} and inputs {plan.u.shape}, not (N + 1, 8 or 10) and (N, 4)")
+    found = 0 if plan.extra is None else plan.extra.shape[1]
+    require(
+        found == len(extra_states(law)), f"a plan has {found} further states, extra_states {len(extra_states(law))}"
+    )
+
+
 def says_its_period_and_model(law: Any) -> None:
     """It has a positive period, a whole number of steps, and a believed model."""
-    _require(0.0 < law.period <= 1.0, f"period = {law.period} s: it has to be above 0 and at most 1 s")
-    _require(
+    require(0.0 < law.period <= 1.0, f"period = {law.period} s: it has to be above 0 and at most 1 s")
+    require(
         isinstance(law.steps, int) and law.steps >= 1, f"steps = {law.steps}: it has to be a whole number from 1 on"
     )
-    _require(isinstance(law.model, Model), "model has to be a controllers.model.Model")
+    require(isinstance(law.model, Model), "model has to be a controllers.model.Model")
 
 
 def sends_finite_inputs(law: Any) -> None:
     """Every command is four finite inputs within full stick, decided at the control time."""
     for u in _hover_steps(law)[0]:
-        _require(u.shape == (4,), f"a command has shape {u.shape}, not (4,)")
-        _require(np.isfinite(u).all(), f"a command is {u.tolist()}")
-        _require((np.abs(u) <= 1.0).all(), f"a command is {u.tolist()}: full stick is 1")
+        require(u.shape == (4,), f"a command has shape {u.shape}, not (4,)")
+        require(np.isfinite(u).all(), f"a command is {u.tolist()}")
+        require((np.abs(u) <= 1.0).all(), f"a command is {u.tolist()}: full stick is 1")
 
 
 def is_deterministic(law: Any) -> None:
     """Two flights of one value are equal, and do not share a state."""
     first, second = _hover_steps(law)[0], _hover_steps(law)[0]
-    _require(_same(first, second), "the same flight gave other commands: start() has to make a new controller")
+    require(same(first, second), "the same flight gave other commands: start() has to make a new controller")
 
 
 def leaves_its_inputs_alone(law: Any) -> None:
@@ -189,7 +212,7 @@ def leaves_its_inputs_alone(law: Any) -> None:
     preview = ReferencePreview(Hover(), law.model, period, 0)
     for estimate, reference in _hover_steps(law, 3)[1]:
         fresh = preview(estimate.stamp, law.steps)
-        _require(
+        require(
             np.array_equal(reference.x, fresh.x) and np.array_equal(reference.u, fresh.u), "the reference was changed"
         )
 
@@ -213,20 +236,20 @@ def _estimates(spec: Any, poses: Sequence[tuple[int, Pose]]) -> list[Estimate | 
 
 def knows_nothing_before_the_first_pose(spec: Any) -> None:
     """Before the first pose its estimate is None."""
-    _require(spec.start(MODEL).estimate(0) is None, "it has an estimate without a pose")
+    require(spec.start(MODEL).estimate(0) is None, "it has an estimate without a pose")
 
 
 def follows_the_poses(spec: Any) -> None:
     """Without noise it follows a slow circle within 5 cm and 10 cm/s, with finite numbers."""
     poses = list(_poses(800))
     last = _estimates(spec, poses)[-1]
-    _require(last is not None, "it has no estimate after 4 s of poses")
+    require(last is not None, "it has no estimate after 4 s of poses")
     assert last is not None
     t = 1e-9 * last.stamp
     wanted = np.array([0.1 * np.sin(t), 0.1 - 0.1 * np.cos(t), 1.0, 0.0, 0.1 * np.cos(t), 0.1 * np.sin(t), 0.0, 0.0])
-    _require(last.x.shape == (8,) and np.isfinite(last.x).all(), f"its state is {last.x.tolist()}")
-    _close(last.x[:4], wanted[:4], 0.05, "position and yaw")
-    _close(last.x[4:], wanted[4:], 0.1, "velocity")
+    require(last.x.shape == (8,) and np.isfinite(last.x).all(), f"its state is {last.x.tolist()}")
+    close(last.x[:4], wanted[:4], 0.05, "position and yaw")
+    close(last.x[4:], wanted[4:], 0.1, "velocity")
 
 
 def survives_nonsense(spec: Any) -> None:
@@ -239,14 +262,25 @@ def survives_nonsense(spec: Any) -> None:
     bad[100:100] = [bad[50], bad[99]]
     bad.sort(key=lambda row: row[0])
     last = _estimates(spec, bad)[-1]
-    _require(last is not None and np.isfinite(last.x).all(), "its estimate is not finite any more")
+    require(last is not None and np.isfinite(last.x).all(), "its estimate is not finite any more")
+
+
+def estimates_its_further_states(spec: Any) -> None:
+    """Every estimate has as many further states as it names, finite, and a variance of each or none."""
+    count = len(extra_states(spec))
+    for estimate in _estimates(spec, list(_poses(200))):
+        if estimate is not None:
+            extra, variance = estimate.extra, estimate.extra_variance
+            right = extra.shape == (count,) and variance.shape in ((count,), (0,))
+            require(right, f"it has {extra.shape} further states and {variance.shape} variances, and names {count}")
+            require(np.isfinite(extra).all(), f"its further states are {extra.tolist()}")
 
 
 def estimates_are_repeatable(spec: Any) -> None:
     """Two flights of one value are equal."""
     poses = list(_poses(200))
     first, second = _estimates(spec, poses), _estimates(spec, poses)
-    _require(_same([e.x for e in first if e], [e.x for e in second if e]), "the same poses gave another estimate")
+    require(same([e.x for e in first if e], [e.x for e in second if e]), "the same poses gave another estimate")
 
 
 def excites_within_the_limits(spec: Any) -> None:
@@ -254,9 +288,9 @@ def excites_within_the_limits(spec: Any) -> None:
     for k in range(200):
         command = Command(k * 20_000_000, np.array(MODEL.u_max))
         u, again = (np.asarray(spec.excited(command.stamp, command, MODEL).u) for _ in range(2))
-        _require(_same([u], [again]), "the same moment gave another input")
-        _require(u.shape == (4,) and np.isfinite(u).all(), f"an input is {u.tolist()}")
-        _require((u >= MODEL.u_min).all() and (u <= MODEL.u_max).all(), f"an input is {u.tolist()}, beyond its limits")
+        require(same([u], [again]), "the same moment gave another input")
+        require(u.shape == (4,) and np.isfinite(u).all(), f"an input is {u.tolist()}")
+        require((u >= MODEL.u_min).all() and (u <= MODEL.u_max).all(), f"an input is {u.tolist()}, beyond its limits")
 
 
 _START = np.array([0.3, -0.2, 1.0, 0.7, 0.0, 0.0, 0.0, 0.0])
@@ -274,16 +308,16 @@ def _flown(spec: Any, stops: Sequence[int]) -> list[Array]:
 def starts_where_it_is_put(spec: Any) -> None:
     """It starts at the position, heading and speed that it is given."""
     truth = spec.start(_START).truth()
-    _close(truth.position, _START[:3], 1e-9, "position")
-    _close(np.array([truth.yaw]), _START[3:4], 1e-9, "yaw")
-    _close(truth.velocity, np.zeros(3), 1e-9, "velocity")
+    close(truth.position, _START[:3], 1e-9, "position")
+    close(np.array([truth.yaw]), _START[3:4], 1e-9, "yaw")
+    close(truth.velocity, np.zeros(3), 1e-9, "velocity")
 
 
 def flies_the_same_in_pieces(spec: Any) -> None:
     """A flight in pieces is the flight at once, and both are finite."""
     whole, pieces = _flown(spec, [500]), _flown(spec, [1, 3, 50, 51, 400, 500])
-    _require(all(np.isfinite(part).all() for part in whole), "its state is not finite")
-    _require(_same(whole, pieces), "a flight in pieces is another flight")
+    require(all(np.isfinite(part).all() for part in whole), "its state is not finite")
+    require(same(whole, pieces), "a flight in pieces is another flight")
 
 
 def gives_its_truth_away(spec: Any) -> None:
@@ -292,30 +326,32 @@ def gives_its_truth_away(spec: Any) -> None:
     truth = plant.truth()
     before = [np.array(truth.position), np.array(truth.velocity)]
     plant.advance(100 * nanoseconds(spec.step), _INPUT, STILL_AIR)
-    _require(_same(before, [truth.position, truth.velocity]), "its arrays are overwritten: return copies")
+    require(same(before, [truth.position, truth.velocity]), "its arrays are overwritten: return copies")
 
 
-def _airs(spec: Any, seed: int = 0, count: int = 50) -> list[Array]:
-    plant, disturbance = Ideal().start(_START), spec.start(np.random.default_rng(seed))
+def _airs(spec: Any, seed: int = 0, count: int = 50, others: Array = ALONE) -> list[Array]:
+    plant, disturbance = Ideal().start(_START), air_of(spec.start(np.random.default_rng(seed)))
     rows: list[Array] = []
     for k in range(1, count + 1):
-        air = disturbance.air(plant.truth())
-        rows.append(np.array([*air.wind, *air.acceleration, air.thrust_factor], float))
+        air = disturbance(plant.truth(), others)
+        moment = np.zeros(3) if air.moment is None else air.moment
+        rows.append(np.array([*air.wind, *air.acceleration, air.thrust_factor, *moment], float))
         plant.advance(k * PERIOD_NS, _INPUT, air)
     return rows
 
 
 def blows_finite_air(spec: Any) -> None:
-    """Wind and push are three finite numbers each, and thrust is never below zero."""
-    for row in _airs(spec):
-        _require(row.shape == (7,), f"wind and acceleration have {len(row) - 1} numbers together, not 6")
-        _require(np.isfinite(row).all(), f"the air is {row.tolist()}")
-        _require(row[6] >= 0.0, f"thrust_factor = {row[6]}")
+    """Wind, push and moment are three finite numbers each, and thrust is never below zero, alone or with others."""
+    others = _START[:3] + np.array([[0.1, 0.0, 0.5], [1.0, 0.0, 0.0]])
+    for row in _airs(spec) + _airs(spec, others=others):
+        require(row.shape == (10,), f"wind, acceleration and moment have {len(row) - 1} numbers together, not 9")
+        require(np.isfinite(row).all(), f"the air is {row.tolist()}")
+        require(row[6] >= 0.0, f"thrust_factor = {row[6]}")
 
 
 def blows_the_same_for_the_same_seed(spec: Any) -> None:
     """The same seed gives the same air, and two flights of one value do not share a state."""
-    _require(_same(_airs(spec), _airs(spec)), "the same seed gave other air: draw from the generator that start() gets")
+    require(same(_airs(spec), _airs(spec)), "the same seed gave other air: draw from the generator that start() gets")
 
 
 Check = Callable[[Any], None]
@@ -323,6 +359,7 @@ CHECKS: dict[str, tuple[Check, ...]] = {
     "controllers.trajectories": (
         is_a_frozen_value,
         has_true_derivatives,
+        has_true_higher_derivatives,
         starts_at_rest,
         is_finite_and_above_the_floor,
         is_a_function_of_time,
@@ -334,6 +371,7 @@ CHECKS: dict[str, tuple[Check, ...]] = {
         sends_finite_inputs,
         is_deterministic,
         leaves_its_inputs_alone,
+        names_its_further_states,
     ),
     "controllers.estimators": (
         is_a_frozen_value,
@@ -341,6 +379,8 @@ CHECKS: dict[str, tuple[Check, ...]] = {
         follows_the_poses,
         survives_nonsense,
         estimates_are_repeatable,
+        names_its_further_states,
+        estimates_its_further_states,
     ),
     "controllers.excitations": (is_a_frozen_value, excites_within_the_limits),
     "heli_twin.lab.plant": (
@@ -349,6 +389,20 @@ CHECKS: dict[str, tuple[Check, ...]] = {
         flies_the_same_in_pieces,
         gives_its_truth_away,
     ),
+    "controllers.supervisors": (
+        is_a_frozen_value,
+        supervisors.orders_what_can_be_flown,
+        supervisors.orders_the_same_again,
+        supervisors.leaves_the_plan_alone,
+        supervisors.lets_a_good_flight_fly,
+    ),
     "heli_twin.lab.disturbances": (is_a_frozen_value, blows_finite_air, blows_the_same_for_the_same_seed),
+    "heli_twin.lab.faults": (
+        is_a_frozen_value,
+        faults.hooks_a_wire,
+        faults.passes_on_what_the_wire_carries,
+        faults.breaks_the_same_for_the_same_seed,
+        faults.leaves_what_it_is_given_alone,
+    ),
 }
 """The checks of each family, by its package."""
