@@ -35,7 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             the process (signals, logging, closed streams).
 
     Returns:
-        The exit code: 0 done, 1 done with a bad answer, 2 the caller's mistake, 128 + n ended by signal n.
+        The exit code: 0 done, 1 done with a bad answer, 2 the caller's mistake, 3 the flown run is invalid, 128 + n
+        ended by signal n.
     """
     stop_signals = _become_the_program() if arguments is None else []
     try:

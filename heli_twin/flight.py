@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from controllers.laws import flat_derivatives, safe_hover
+from controllers.errors import LawFailed
+from controllers.laws import closed_after, flat_derivatives, safe_hover
 from controllers.markers import by_name
 from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, nanoseconds
@@ -24,6 +25,8 @@ from heli_twin.recording import OutcomeKind, Recorder
 
 INTACT = ("completed", "landed")
 """Outcomes after which the helicopter can fly again."""
+INVALID = "invalid"
+"""Outcome of a run that says nothing about its controller, since the controller's own process failed."""
 
 
 class Outcome(NamedTuple):
@@ -86,8 +89,11 @@ class Flight:
         """Fly to the end of the experiment, or until the flight is over."""
         # More threads add numbers in another order. Overflow gives non-finite numbers: the ground station then sends a
         # safe hover, and a helicopter whose state is non-finite has diverged.
-        with threadpool_limits(limits=1), np.errstate(all="ignore"):
-            return self._run()
+        with threadpool_limits(limits=1), np.errstate(all="ignore"), closed_after(self.controller):
+            try:
+                return self._run()
+            except LawFailed as error:
+                return Outcome(INVALID, error.time, str(error))
 
     def _run(self) -> Outcome:
         t = control_due = air_due = 0

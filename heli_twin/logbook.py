@@ -19,7 +19,7 @@ from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import HELI_TWIN, origin_of
-from heli_twin.experiment.own import OWN, other_sources
+from heli_twin.experiment.own import OWN, other_program, other_sources
 from heli_twin.experiment.past import PHYSICS_VERSION, UNRECORDED_VERSION
 from heli_twin.experiment.tree import (
     ExperimentError,
@@ -176,12 +176,13 @@ def viewed_experiment(log: Log) -> Experiment:
 
 
 def own_notices(log: Log) -> list[str]:
-    """A sentence for each class of a user's own that is here with another source than the log was flown with.
+    """A sentence for each class or program of a user's own that is here with another content than the logged one.
 
     Raises:
         ExperimentError: The text is not an experiment.
     """
-    return [*other_sources(parsed(log.experiment))]
+    tree = parsed(log.experiment)
+    return [*other_sources(tree), *other_program(tree, flown_experiment(log))]
 
 
 def _own_origins(experiment: Experiment) -> dict[str, str]:

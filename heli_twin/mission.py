@@ -16,6 +16,7 @@ import numpy as np
 from controllers.errors import InfeasibleTrajectory, MissingDerivatives
 from controllers.flatness import state
 from controllers.laws import extra_states, flat_derivatives
+from controllers.laws.external import External
 from controllers.model import GRAVITY
 from controllers.proxqp import BUILD_TROUBLE
 from controllers.reference import check_feasible
@@ -24,7 +25,7 @@ from controllers.trajectories import derivatives, fitted
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.objects import validated
 from heli_twin.experiment.tree import ExperimentError, tree_of
-from heli_twin.flight import Flight, Outcome
+from heli_twin.flight import INVALID, Flight, Outcome
 from heli_twin.lab.plant import Plant
 from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.logbook import begin_log, planned_path
@@ -50,7 +51,7 @@ class Result:
     path: Path | None
     """Path of the log; None if it is in memory."""
     flight_digest: str
-    """Hash of the experiment and of every recorded message but the measured times."""
+    """Hash of the experiment and of every recorded message but the measured times; empty for an invalid run."""
     real_time_factor: float
     """Simulated time divided by measured time of the flight, recording included."""
     data: bytes | None = field(default=None, repr=False)
@@ -77,7 +78,7 @@ class Result:
             "log": str(self.path) if self.path else None,
             "log_trouble": self.log_trouble or None,
             "solver_trouble": self.solver_trouble or None,
-            "flight_digest": self.flight_digest,
+            "flight_digest": self.flight_digest or None,
         }
 
 
@@ -98,13 +99,16 @@ def fly(
         progress: Called with the simulated time, s, at every control step.
 
     Returns:
-        The outcome and the log. A crash is an outcome and raises nothing.
+        The outcome and the log. A crash is an outcome and raises nothing, and so is the failure of a control law's own
+        process: the run is then `invalid`.
 
     Raises:
         ExperimentError: The experiment cannot be flown; the message names the field.
         LogError: The log cannot be started; for one that fails later, see `Result.log_trouble`.
     """
     experiment = checked(experiment)
+    if isinstance(experiment.controller, External):
+        require_program(experiment.controller)
     plant = _start(experiment)
     pictures = _pictures(experiment, rerun)
     recorder = _begin_log(log_dir, experiment, plant, [pictures] if pictures else [])
@@ -116,7 +120,8 @@ def fly(
         recorder.close(outcome.kind, outcome.time, text=outcome.text)
     data = recorder.stream.getvalue() if recorder.stream else None
     factor = 1e-9 * outcome.time / took
-    return Result(experiment, outcome, recorder.path, recorder.digest, factor, data, recorder.trouble, BUILD_TROUBLE)
+    digest = "" if outcome.kind == INVALID else recorder.digest
+    return Result(experiment, outcome, recorder.path, digest, factor, data, recorder.trouble, BUILD_TROUBLE)
 
 
 def _explained(outcome: Outcome, experiment: Experiment) -> Outcome:
@@ -125,7 +130,7 @@ def _explained(outcome: Outcome, experiment: Experiment) -> Outcome:
     Such a flight is not refused, because a study may sweep the mass.
     """
     plant, u_max = experiment.plant, experiment.controller.model.u_z_max
-    if outcome.kind == "completed" or not isinstance(plant, MuJoCo):
+    if outcome.kind in ("completed", INVALID) or not isinstance(plant, MuJoCo):
         return outcome
     needed, most = GRAVITY * plant.mass, u_max * plant.thrust_gain
     if needed <= most:
@@ -192,6 +197,22 @@ def _check_contracts(e: Experiment) -> None:
     for path, spec in (("estimator", e.estimator), ("controller", e.controller)):
         if trouble := trouble_with(extra_states(spec)):
             raise ExperimentError(f"{path}: {trouble}")
+
+
+class ProgramMissing(ExperimentError):
+    """The program of an external control law is not on this machine as it was named."""
+
+
+def require_program(law: External) -> None:
+    """Check that the program of an external law can be run here.
+
+    Raises:
+        ProgramMissing: One sentence that says how to name it.
+    """
+    try:
+        law.check()
+    except ValueError as error:
+        raise ProgramMissing(f"controller.{error}") from None
 
 
 def _start(experiment: Experiment) -> Plant:

@@ -1,5 +1,7 @@
 """Control laws. One file here is one law, selected by its `kind`; there is no registry to edit."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -27,6 +29,25 @@ class Controller(Protocol):
         They are computed after the command was sent, because the flight does not need them.
         """
         ...
+
+
+@runtime_checkable
+class Closable(Protocol):
+    """A controller that holds more than memory, such as a process: it is closed when its flight is over."""
+
+    def close(self) -> None:
+        """Let go of what it holds; later calls do nothing."""
+        ...
+
+
+@contextmanager
+def closed_after(controller: Controller) -> Generator[Controller]:
+    """Close a controller when the block ends in whatever way, if it can be closed."""
+    try:
+        yield controller
+    finally:
+        if isinstance(controller, Closable):
+            controller.close()
 
 
 class ControlLaw(Protocol):

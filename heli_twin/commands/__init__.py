@@ -6,6 +6,7 @@ from logs, files and arguments is printed by `say`.
 """
 
 import sys
+import tomllib
 from argparse import (
     PARSER,
     ArgumentParser,
@@ -18,6 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from heli_twin.errors import HeliTwinError
 from heli_twin.terminal_text import clean, pasteable
 
 if TYPE_CHECKING:
@@ -110,22 +112,47 @@ def add_with(parser: ArgumentParser) -> None:
         dest="own",
         action="append",
         default=[],
-        metavar="FILE.py | PACKAGE.MODULE:CLASS",
-        help="the control law or another member of your own that the log was flown with; a log holds no code",
+        metavar="FILE.py | PACKAGE.MODULE:CLASS | PROGRAM",
+        help="the control law or another member of your own that the log was flown with, since a log holds no code;"
+        ' or the program of an external law: ./pid, or with arguments \'["python3", "law.py"]\'',
     )
 
 
 def load_with(parsed: Namespace) -> None:
-    """Load the members that `--with` names.
+    """Load the members that `--with` names, and supply the programs.
 
     Raises:
-        FamilyError: One cannot be loaded.
+        HeliTwinError: One cannot be loaded.
     """
     if parsed.own:
-        from heli_twin.experiment.families import own_members
+        from controllers.programs import supply
+        from heli_twin.experiment.families import is_reference, own_members
 
         for reference in parsed.own:
-            own_members(reference)
+            if is_reference(reference):
+                own_members(reference)
+                continue
+            try:
+                supply(command_words(reference))
+            except ValueError as error:
+                raise HeliTwinError(f"--with: {error}") from None
+
+
+def command_words(text: str) -> list[str]:
+    """The words of a command: a list as TOML and JSON write it, or a program without arguments.
+
+    Raises:
+        HeliTwinError: It begins like a list and is none of texts.
+    """
+    if not text.startswith("["):
+        return [text]
+    try:
+        words = tomllib.loads(f"v = {text}")["v"]
+    except (ValueError, RecursionError):
+        words = None
+    if not isinstance(words, list) or not all(isinstance(word, str) for word in words) or not words:
+        raise HeliTwinError(f"'{clean(text, 80)}' is no command: write a list of texts, '[\"python3\", \"law.py\"]'")
+    return words
 
 
 def say(line: str) -> None:

@@ -2,8 +2,10 @@
 
 import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
+from collections.abc import Callable
+from typing import Any
 
-from heli_twin.commands import command, say
+from heli_twin.commands import command, command_words, say
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -15,33 +17,50 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "check a control law, trajectory, ... of your own against the rules of its family",
         "Run the conformance tests of its family on every member that a file holds, with the defaults of its fields.\n"
         "The exit code is 1 if a rule is broken. The same checks for a test suite: heli_twin.conformance.",
-        "  heli-twin check ./my_law.py\n  heli-twin check my_package.laws:Mine --json",
+        "  heli-twin check ./my_law.py\n"
+        "  heli-twin check my_package.laws:Mine --json\n"
+        "  heli-twin check ./pid                            # a law that is a program\n"
+        "  heli-twin check '[\"python3\", \"law.py\"]'",
     )
-    parser.add_argument("what", metavar="FILE.py[:CLASS] | PACKAGE.MODULE:CLASS", help="what to check")
+    parser.add_argument("what", metavar="FILE.py[:CLASS] | PACKAGE.MODULE:CLASS | PROGRAM", help="what to check")
     parser.add_argument("--json", action="store_true", help="print the verdicts as JSON, for programs")
 
 
 def run(parsed: Namespace) -> int:
     """Check, print."""
     from heli_twin.conformance import verdicts
-    from heli_twin.experiment.families import FamilyError, specs_at
 
-    found = specs_at(parsed.what)
-    if not found:
-        raise FamilyError(f"{parsed.what} holds no member of a family: a frozen dataclass with a field kind")
+    found = _members(parsed.what)
     report = [
-        {"class": spec.__name__, "family": family, "rule": verdict.rule, "trouble": verdict.trouble}
-        for family, spec in found
+        {"class": name, "family": family, "rule": verdict.rule, "trouble": verdict.trouble}
+        for family, name, spec in found
         for verdict in verdicts(family, spec)
     ]
     if parsed.json:
         print(json.dumps(report, indent=2))
     else:
-        for family, spec in found:
-            say(f"{spec.__name__}, a member of {family}")
+        for family, name, _ in found:
+            say(f"{name}, a member of {family}")
             for row in report:
-                if row["class"] == spec.__name__:
+                if row["class"] == name:
                     say(f"  {'broken' if row['trouble'] else 'kept  '}  {row['rule']}")
                     if row["trouble"]:
                         say(f"          {row['trouble']}")
     return 1 if any(row["trouble"] for row in report) else 0
+
+
+def _members(what: str) -> list[tuple[str, str, Callable[[], Any]]]:
+    """What is to be checked: family, name, and what makes the member with its defaults."""
+    from controllers.laws.external import External
+    from heli_twin.experiment.families import FamilyError, is_reference, specs_at
+
+    if is_reference(what):
+        found = [(family, spec.__name__, spec) for family, spec in specs_at(what)]
+        if not found:
+            raise FamilyError(f"{what} holds no member of a family: a frozen dataclass with a field kind")
+        return found
+    try:
+        law = External(command=tuple(command_words(what)))
+    except ValueError as error:
+        raise FamilyError(f"{what}: {error}") from None
+    return [("controllers.laws", " ".join(law.command), lambda: law)]

@@ -3,9 +3,12 @@
 import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar, say
+
+if TYPE_CHECKING:
+    from heli_twin.mission import Result
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -16,7 +19,9 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         run,
         "fly the twin, print the result, leave an MCAP log",
         "Fly one experiment, print what happened and leave an MCAP log that any viewer opens.\n"
-        "`heli-twin show` lists every field that can be changed.",
+        "`heli-twin show` lists every field that can be changed.\n"
+        "Exit code: 0 completed or landed, 1 ended early or no log could be kept, 2 a mistake in what was asked for,\n"
+        "3 invalid: the process of an external control law died, hung or sent nonsense.",
         "  heli-twin fly\n"
         "  heli-twin fly trajectory=hover seed=3\n"
         "  heli-twin fly plant.mass=0.031 controller.horizon=12\n"
@@ -36,9 +41,11 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 
 def run(parsed: Namespace) -> int:
-    """Fly; the exit code is 0 when the flight completed, 1 when it ended early or its log could not be kept."""
+    """Fly; the exit code is 0 when the flight completed, 1 when it ended early or its log could not be kept.
+
+    It is 3 when the run is invalid.
+    """
     from heli_twin.experiment.text import load
-    from heli_twin.flight import INTACT
     from heli_twin.mission import fly
 
     experiment = load(*experiment_arguments(parsed))
@@ -55,6 +62,19 @@ def run(parsed: Namespace) -> int:
         print(json.dumps(summary, indent=2, allow_nan=False))
     else:
         show(summary)
+    return exit_code(result)
+
+
+INVALID_RUN = 3
+"""The exit code of a run that says nothing about its controller, since the controller's own process failed."""
+
+
+def exit_code(result: "Result") -> int:
+    """The exit code that tells how a flight ended."""
+    from heli_twin.flight import INTACT, INVALID
+
+    if result.outcome.kind == INVALID:
+        return INVALID_RUN
     return 0 if result.outcome.kind in INTACT and not result.log_trouble else 1
 
 
@@ -65,6 +85,9 @@ def show(summary: dict[str, Any]) -> None:
 
     console = Console()
     say(f"{summary['outcome']}: {summary['outcome_text']}")
+    if summary["outcome"] == "invalid":
+        say("it has no digest and no errors to tell" + (f"; log {summary['log']}" if summary["log"] else ""))
+        return
     errors = Table(title=f"error against the truth, from {summary['settling']:g} s on", title_justify="left")
     for column in ("", "x", "y", "z", "yaw"):
         errors.add_column(column, justify="right" if column else "left")

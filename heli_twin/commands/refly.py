@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import add_with, command, file_path, load_with, progress_bar, say
+from heli_twin.commands.fly import INVALID_RUN
 from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
@@ -23,7 +24,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "fly a recorded experiment again, as it was or with changes",
         "Rebuild the experiment from a log alone and fly it. Without changes it says `identical`, or where, when and\n"
         "in which field the flights first differ: bit for bit on the same host and build, elsewhere within 2 mm and\n"
-        "0.5 deg. With changes it prints both results. Exit code 1 means that the flights differ.",
+        "0.5 deg. With changes it prints both results. Exit code 1 means that the flights differ, 3 that the second\n"
+        "run is invalid.",
         "  heli-twin refly RUN.mcap\n"
         "  heli-twin refly RUN.mcap controller.horizon=12\n"
         "  heli-twin refly RUN.mcap plant.mass=0.030 seed=3 --log-dir again",
@@ -44,6 +46,7 @@ def run(parsed: Namespace) -> int:
     import numpy as np
 
     from heli_twin.experiment.text import changed
+    from heli_twin.flight import INVALID
     from heli_twin.logbook import flown_experiment, own_notices, physics_notice
     from heli_twin.reanalysis.effort import flight_effort, require_agreement
     from heli_twin.reanalysis.refly import refly
@@ -62,27 +65,34 @@ def run(parsed: Namespace) -> int:
     with progress_bar() as bar:
         task = bar.add_task("flying, s", total=experiment.duration)
         again = refly(log, parsed.overrides, log_dir=log_dir, progress=lambda t: bar.update(task, completed=t))
-    if differs:
+    if again.result.outcome.kind == INVALID:
+        say(f"invalid: {again.result.outcome.text}")
+    elif differs:
         with np.errstate(all="ignore"):
             compare(again)
     else:
         judge(again)
     if again.result.path:
         say(f"log {again.result.path}")
+    if again.result.outcome.kind == INVALID:
+        return INVALID_RUN
     return 0 if differs or again.verdict != "different" else 1
 
 
 def judge(again: "Refly") -> None:
     """Print whether the second flight is the first."""
     from heli_twin.logbook import physics_notice
-    from heli_twin.reanalysis.refly import POSITION_TOLERANCE_M, YAW_TOLERANCE_RAD
+    from heli_twin.reanalysis.refly import POSITION_TOLERANCE_M, YAW_TOLERANCE_RAD, is_beginning
 
     log, result = again.logged, again.result
     if again.difference is None:
         count = sum(len(topic.times) for topic in log.messages.values())
         end = max((topic.times[-1] for topic in log.messages.values() if len(topic.times)), default=0)
-        part = f"as far as the recovered log goes, {1e-9 * end:.2f} s" if log.ending.recovered else f"{1e-9 * end:g} s"
-        digest = "" if log.ending.recovered else f", digest {result.flight_digest[:16]}"
+        part = f"{1e-9 * end:g} s"
+        if is_beginning(log):
+            kind = "recovered log" if log.ending.recovered else "log of the invalid run"
+            part = f"as far as the {kind} goes, {1e-9 * end:.2f} s"
+        digest = "" if is_beginning(log) else f", digest {result.flight_digest[:16]}"
         print(f"identical: {count} messages, {part}{digest}")
     else:
         topic, time, field, ours, theirs = again.difference

@@ -95,7 +95,7 @@ REFLY = "  heli-twin study fly ladder 3f2a91\n"
 
 
 def run_(parsed: Namespace) -> int:
-    """Fly a study; 0 when every flight brought a row back, 1 when some did not."""
+    """Fly a study; 0 when every flight brought a row back, 1 when some did not or were invalid."""
     from heli_twin.studies.campaign import run_study
     from heli_twin.studies.errors import StudyError
     from heli_twin.studies.study import load_study
@@ -116,7 +116,7 @@ def run_(parsed: Namespace) -> int:
         from heli_twin.studies.report import write_report
 
         say(f"report {write_report(out)}")
-    return 1 if {"killed", "hung", "error"} & count.failed.keys() else 0
+    return 1 if {"killed", "hung", "error", "invalid"} & count.failed.keys() else 0
 
 
 def _backend(parsed: Namespace) -> "Callable[[StudyPlan, float], Backend]":
@@ -240,7 +240,7 @@ def worst(parsed: Namespace) -> int:
 
 def refly(parsed: Namespace) -> int:
     """Fly one run again and keep its log in the study's folder."""
-    from heli_twin.commands.fly import show
+    from heli_twin.commands.fly import exit_code, show
     from heli_twin.experiment.tree import from_json
     from heli_twin.mission import fly
     from heli_twin.studies.worst import experiment_by_id
@@ -249,7 +249,7 @@ def refly(parsed: Namespace) -> int:
     folder = folder_of(parsed.study)
     result = fly(from_json(experiment_by_id(folder, parsed.id)), log_dir=folder / "reflown")
     show(result.summary())
-    return 0 if result.outcome.kind == "completed" else 1
+    return exit_code(result)
 
 
 def listing(parsed: Namespace) -> int:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.flatness import feed_forward, state
-from controllers.laws import extra_states, flat_derivatives
+from controllers.laws import closed_after, extra_states, flat_derivatives
 from controllers.model import Model
 from controllers.reference import ReferencePreview, check_feasible
 from controllers.signals import Array, Command, Estimate, Plan, Pose, Reference, nanoseconds
@@ -39,12 +39,12 @@ class Verdict(NamedTuple):
     """The reason why it does not hold, one sentence; empty where it holds."""
 
 
-def verdicts(family: str, spec: type) -> Iterator[Verdict]:
+def verdicts(family: str, spec: Callable[[], Any]) -> Iterator[Verdict]:
     """Run every check of a family on a member with its defaults; what a member raises is a verdict too.
 
     Args:
         family: Package of the family; one without checks of its own gets those of every value.
-        spec: Class of the member.
+        spec: Class of the member, or another function that makes it.
     """
     for check in CHECKS.get(family, (is_a_frozen_value,)):
         rule = (check.__doc__ or check.__name__).partition("\n")[0]
@@ -150,10 +150,15 @@ def has_true_higher_derivatives(trajectory: Any) -> None:
 
 def _hover_steps(law: Any, count: int = 40) -> tuple[list[Array], list[tuple[Estimate, Reference]]]:
     """The commands of a law in a hover that it is pushed out of, and what it was given."""
+    with closed_after(law.start()) as controller:
+        return _steps_of(controller, law, count)
+
+
+def _steps_of(controller: Any, law: Any, count: int) -> tuple[list[Array], list[tuple[Estimate, Reference]]]:
     period = nanoseconds(law.period)
     preview = ReferencePreview(Hover(), law.model, period, 0, flat_derivatives(law))
     plant = Ideal(step=law.period).start(state(Hover().flat(np.zeros(1)))[0])
-    controller, sent, given = law.start(), [], []
+    sent, given = [], []
     for k in range(count):
         now = k * period
         truth = plant.truth()

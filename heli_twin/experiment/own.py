@@ -6,9 +6,12 @@ the user (`--with ./my_law.py`) or installed. No code and no path comes from a l
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, get_args
 
+from controllers.laws.external import External
 from controllers.markers import EachOf
+from controllers.programs import at_hand, is_marked
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import GROUPS, HELI_TWIN, all_members, source_hash
 from heli_twin.experiment.fields import FieldInfo, fields_of
@@ -92,6 +95,51 @@ def other_sources(tree: Any, spec: type = Experiment, here: str = "") -> Iterato
                 if mine and (mark := mark_of(mine.spec)) != table[OWN]:
                     path = f"{here}{name}.{key}".rstrip(".")
                     yield f"{path} was flown by {str(table[OWN])[:80]!r}, here it is {mark!r} of {mine.origin}"
+
+
+def refuse_commands(tree: Any) -> None:
+    """Refuse a foreign text whose external law names a program that could be run: it has to name it by its marks.
+
+    Raises:
+        ExperimentError: It does not.
+    """
+    law = tree.get("controller") if isinstance(tree, dict) else None
+    command = law.get("command") if isinstance(law, dict) and law.get("kind") == EXTERNAL else None
+    if command is not None and not (_is_texts(command) and is_marked(command)):
+        raise ExperimentError(
+            f"controller.command = {str(command)[:80]!r}: in a log or a store a program is named by its name and hash,"
+            " as pid@0123456789abcdef, and no program is run because they say so"
+        )
+
+
+def _is_texts(words: Any) -> bool:
+    return isinstance(words, list) and all(isinstance(word, str) for word in words)
+
+
+def with_program_at_hand(experiment: Experiment) -> Experiment:
+    """The same experiment; a program that it names by its marks, and that is not here, is the one of `--with`."""
+    law = experiment.controller
+    if not isinstance(law, External) or at_hand(law.command) == law.command:
+        return experiment
+    return replace(experiment, controller=replace(law, command=at_hand(law.command)))
+
+
+def other_program(tree: Any, experiment: Experiment) -> Iterator[str]:
+    """A sentence if another program is here than the logged one.
+
+    Args:
+        tree: The logged experiment.
+        experiment: The same, with the program that is here.
+    """
+    law = experiment.controller
+    logged = tree.get("controller", {}).get("command")
+    if isinstance(law, External) and logged != list(law.command):
+        flown, here = (" ".join(map(str, words))[:150] for words in (logged or (), law.command))
+        yield f"controller was flown by the program {flown!r}, here it is {here!r}"
+
+
+EXTERNAL = "external"
+"""The kind of the law that is a program."""
 
 
 def interface(info: FieldInfo) -> list[str]:

@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from controllers.markers import EachOf, FileContent, OneOf
+from controllers.programs import beside
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import is_file_reference, is_reference, members, own_member
-from heli_twin.experiment.fields import fields_of
+from heli_twin.experiment.fields import FieldInfo, fields_of
 from heli_twin.experiment.own import OWN, require_own, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
 from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of, unknown_field
@@ -163,6 +164,8 @@ def _read(source: str) -> tuple[Tree, int]:
             # A file of the user's own stands beside the TOML that names it.
             table, _, key = name.rpartition(".")
             reduce(getitem, filter(None, table.split(".")), tree)[key] = str(path.parent / value)
+        elif name == "controller.command" and isinstance(value, list) and all(isinstance(word, str) for word in value):
+            tree["controller"]["command"] = beside(path.parent, value)
     version = tree.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
         raise ExperimentError(
@@ -298,7 +301,14 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 raise ExperimentError(
                     f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{cut(rest[0])}'"
                 )
-            node[key] = _rows(value, info.columns, path) if info.columns and isinstance(value, str) else value
+            node[key] = _read_value(value, info, path)
+
+
+def _read_value(value: Any, info: FieldInfo, path: str) -> Any:
+    """The value that a text is short for: a CSV file for its rows, a text for a list with this text."""
+    if isinstance(value, str) and info.columns:
+        return _rows(value, info.columns, path)
+    return [value] if isinstance(value, str) and info.type == tuple[str, ...] else value
 
 
 def _kind_by_content(kinds: dict[str, type], now: str, rest: list[str], value: Any) -> str | None:

@@ -14,7 +14,7 @@ from controllers.markers import EachOf, Named, by_name, checked_name
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import FieldInfo, fields_of
-from heli_twin.experiment.own import OWN, own_class, without_mark
+from heli_twin.experiment.own import OWN, own_class, refuse_commands, with_program_at_hand, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past
 from heli_twin.experiment.values import ExperimentError, check_size, checked_value, cut, listing, plain
 from heli_twin.terminal_text import instead
@@ -192,6 +192,7 @@ def parsed(text: str) -> Tree:
         raise ExperimentError(f"the experiment is not valid JSON: {error}") from None
     if not isinstance(tree, dict):
         raise ExperimentError("the experiment is not a JSON object")
+    refuse_commands(tree)
     add_past(Experiment, tree)
     return tree
 
@@ -199,10 +200,12 @@ def parsed(text: str) -> Tree:
 def from_json(text: str) -> Experiment:
     """Return the experiment that `canonical_json` of this version or an older one wrote.
 
+    A program that is not here is the one that `--with` supplied, if it supplied one.
+
     Raises:
         ExperimentError: The text is not an experiment that this version can read.
     """
-    return experiment_of(parsed(text))
+    return with_program_at_hand(experiment_of(parsed(text)))
 
 
 def toml_of(experiment: Experiment) -> str:

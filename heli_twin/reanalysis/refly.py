@@ -16,6 +16,7 @@ from google.protobuf.message import DecodeError, Message
 from controllers.rotations import wrap_angle
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.text import changed
+from heli_twin.flight import INVALID
 from heli_twin.logbook import PHYSICS, flown_experiment, physics_notice
 from heli_twin.mission import Result, fly
 from heli_twin.recording import Log, flight_pb2
@@ -69,7 +70,7 @@ class Refly:
         if self.difference is None:
             return "identical"
         near = self.position_deviation <= POSITION_TOLERANCE_M and self.yaw_deviation <= YAW_TOLERANCE_RAD
-        same_end = self.logged.outcome == self.result.log.outcome or self.logged.ending.recovered
+        same_end = self.logged.outcome == self.result.log.outcome or is_beginning(self.logged)
         elsewhere = self.platforms or physics_notice(self.logged)
         return "within tolerance" if elsewhere and near and same_end else "different"
 
@@ -115,10 +116,15 @@ def first_difference(logged: Log, reflown: Log) -> FirstDifference | None:
     for topic in (topic.name for topic in TOPICS if topic.name != TIMING):
         ours = logged.messages.get(topic, Messages((), ()))
         theirs = reflown.messages.get(topic, Messages((), ()))
-        difference = _first_on(topic, ours, theirs, prefix=logged.ending.recovered)
+        difference = _first_on(topic, ours, theirs, prefix=is_beginning(logged))
         if difference is not None:
             differences.append(difference)
     return min(differences, key=lambda difference: difference.time, default=None)
+
+
+def is_beginning(log: Log) -> bool:
+    """Return whether a log is only the beginning of the flight that its experiment says."""
+    return log.ending.recovered or log.outcome == INVALID
 
 
 def _first_on(topic: str, logged: Messages, reflown: Messages, prefix: bool) -> FirstDifference | None:

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from controllers.laws import Controller, flat_derivatives, safe_hover
+from controllers.errors import LawFailed
+from controllers.laws import Controller, closed_after, flat_derivatives, safe_hover
 from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
 from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, Pose, QpReport, Reference, nanoseconds
@@ -118,7 +119,16 @@ def resolved_experiment(log: Log, overrides: Sequence[str] = ()) -> Experiment:
 def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
     """The controller's command for each logged estimate."""
     law = experiment.controller
-    controller = law.start()
+    try:
+        controller = law.start()
+    except ValueError as error:
+        raise HeliTwinError(f"controller.{error}") from None
+    with closed_after(controller):
+        yield from _answers_of(controller, log, experiment)
+
+
+def _answers_of(controller: Controller, log: Log, experiment: Experiment) -> Iterator[Command]:
+    law = experiment.controller
     period, lead, highest = nanoseconds(law.period), nanoseconds(experiment.estimator.lead), flat_derivatives(law)
     preview = ReferencePreview(experiment.trajectory, law.model, period, lead, highest)
     supervisor = experiment.supervisor.start(law.model, law.period)
@@ -144,6 +154,8 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
             status = statuses.get(int(t))
             report = QpReport(status, 0, 0, 0.0, 0.0) if status else None
             supervisor.sent(Command(int(t), sent.get(int(t), np.zeros(4)), qp=report))
+        except LawFailed as error:
+            raise HeliTwinError(str(error)) from None
         except (ArithmeticError, ValueError) as error:
             raise HeliTwinError(
                 f"the control problem at {1e-9 * t:.3f} s cannot be rebuilt from this log: {error}"

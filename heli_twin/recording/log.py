@@ -210,9 +210,19 @@ class Messages(NamedTuple):
 
 
 OutcomeKind = Literal[
-    "completed", "landed", "crashed", "left_volume", "diverged", "aborted", "interrupted", "imported", "unknown"
+    "completed",
+    "landed",
+    "crashed",
+    "left_volume",
+    "diverged",
+    "invalid",
+    "aborted",
+    "interrupted",
+    "imported",
+    "unknown",
 ]
-"""Outcomes of a flight. `landed`: the supervisor ended it early; `aborted`: the program raised; `interrupted`: the log
+"""Outcomes of a flight. `landed`: the supervisor ended it early; `invalid`: the process of the control law failed, so
+that the flight has no digest and says nothing about the law; `aborted`: the program raised; `interrupted`: the log
 was recovered and does not say; `imported`: a recording of poses; `unknown`: none that this version knows."""
 OUTCOMES: Mapping[str, OutcomeKind] = {kind: kind for kind in get_args(OutcomeKind)}
 

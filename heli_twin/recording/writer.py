@@ -202,7 +202,8 @@ class Recorder:
             return
         self._closed = True
         self._flush()
-        ending = {"outcome": outcome, "time": str(t), "digest": self.digest, "text": text, "error": error}
+        digest = "" if outcome == "invalid" else self.digest
+        ending = {"outcome": outcome, "time": str(t), "digest": digest, "text": text, "error": error}
         self._mcap.metadata("end", sealed({key: value for key, value in ending.items() if value}))
         self._mcap.finish()
         if isinstance(self._file, LogFile):

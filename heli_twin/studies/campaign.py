@@ -12,6 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from controllers.programs import to_send
 from heli_twin.experiment.families import own_sources
 from heli_twin.experiment.tree import parsed
 from heli_twin.studies.columns import COMPLETED
@@ -58,6 +59,8 @@ def run_study(
 ) -> StudyProgress:
     """Fly what a study asks for and has not been flown yet, and write `results.parquet` at the end.
 
+    Runs that were invalid, since the process of their control law failed, are flown again each time.
+
     It may be stopped at any time, in any way, and running it again goes on; Ctrl-C and SIGTERM raise a
     KeyboardInterrupt when the workers are gone. In a program of your own, call it under
     `if __name__ == "__main__":`, since worker processes load the program too.
@@ -82,6 +85,7 @@ def run_study(
         campaign = Campaign(plan, store, out, work, watch)
         check_code(plan, store, campaign.code, again=again, accept_old=accept_old)
         store.begin(campaign.about())
+        store.forget_invalid()
         if again:
             store.forget_troubles()
         with (backend or embedded)(plan, time_allowed(plan)) as fleet:
@@ -193,6 +197,7 @@ class Campaign:
             keep_failed=self._failures_kept < logs.failed,
             keep_above=self._threshold(),
             own=own_sources(),
+            programs=to_send(),
         )
 
     def _threshold(self) -> float | None:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 from heli_twin.experiment import Experiment
 from heli_twin.metrics.measures import measures
@@ -14,6 +14,8 @@ from heli_twin.terminal_text import instead
 
 COMPLETED = "completed"
 """The outcome of a flight that did not fail."""
+INVALID: Literal["invalid"] = "invalid"
+"""The outcome of a run whose control law was a process that failed: it is neither completed nor a failure."""
 MEASURED_COLUMNS = (
     *("control_step_ms.", "solve_ms.", "deadline_misses", "real_time_factor", "wall_time", "attempts"),
     *("host", "started", "git_commit", "cpu", "platform", "python", "version."),

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from heli_twin.studies.columns import INVALID
 from heli_twin.studies.database import (
     CANNOT_WRITE,
     Transaction,
@@ -119,6 +120,10 @@ class Store:
         """Let runs that were killed, hung or raised fly again."""
         self._db.execute("DELETE FROM flights WHERE trouble_")
 
+    def forget_invalid(self) -> None:
+        """Let runs fly again that say nothing about their controller."""
+        self._db.execute("DELETE FROM flights WHERE outcome = ?", (INVALID,))
+
     def finish(self) -> None:
         """Note the end of the study, and leave one file that can be read on read-only media."""
         self.note({"finished": datetime.now(UTC).isoformat()})
@@ -190,8 +195,11 @@ class Store:
 
     def failed(self, number: int) -> list[str]:
         """Ids of the first flights that failed."""
-        query = "SELECT DISTINCT id FROM runs JOIN flights USING (id) WHERE outcome != 'completed' ORDER BY n LIMIT ?"
-        return [run_id for (run_id,) in self._db.execute(query, (number,))]
+        query = (
+            "SELECT DISTINCT id FROM runs JOIN flights USING (id) "
+            "WHERE outcome NOT IN ('completed', ?) ORDER BY n LIMIT ?"
+        )
+        return [run_id for (run_id,) in self._db.execute(query, (INVALID, number))]
 
     def every(self, stride: int) -> set[str]:
         """Ids of the sampled runs: one of each `stride`."""

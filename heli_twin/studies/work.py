@@ -6,7 +6,7 @@ from time import perf_counter
 from typing import Any
 
 from heli_twin.studies.flight_code import code_hash, code_parts, file_hash
-from heli_twin.workers.engine import Work
+from heli_twin.workers.engine import Trouble, Work
 from heli_twin.workers.task import Flown, Task
 
 DECODED_TOPICS = ("/truth", "/reference", "/command/sent", "/mpc/qp", "/timing")
@@ -19,7 +19,7 @@ file_hash()
 """Kept by this process from its start on, when the modules that are hashed are loaded too."""
 
 
-def fly_with_code(work: Work, files: str, code: str, task: Task) -> Flown:
+def fly_with_code(work: Work, files: str, code: str, task: Task) -> Flown | Trouble:
     """Do the work if this process has the driver's code.
 
     Args:
@@ -34,21 +34,27 @@ def fly_with_code(work: Work, files: str, code: str, task: Task) -> Flown:
     return work(task)
 
 
-def fly_task(task: Task) -> Flown:
-    """Fly a run; a failed flight is a row like any other."""
+def fly_task(task: Task) -> Flown | Trouble:
+    """Fly a run; a failed flight is a row like any other, an invalid run is none."""
+    from controllers.programs import receive
     from heli_twin.experiment.families import FamilyError, load_own_sources
     from heli_twin.experiment.tree import ExperimentError, from_json
-    from heli_twin.mission import fly
+    from heli_twin.mission import ProgramMissing, fly
     from heli_twin.recording import read_log
-    from heli_twin.studies.columns import COMPLETED, columns
+    from heli_twin.studies.columns import COMPLETED, INVALID, columns
 
     began = perf_counter()
     about = {"id": task.id, "host": socket.gethostname()}
     try:
         load_own_sources(task.own)
+        receive(task.programs)
         experiment = from_json(task.experiment)
         result = fly(experiment, log_dir=None)
+        if result.outcome.kind == INVALID:
+            return Trouble(INVALID, result.outcome.text)
         log = read_log(BytesIO(result.data or b""), DECODED_TOPICS)
+    except ProgramMissing as error:
+        return Trouble(INVALID, f"{error} ({socket.gethostname()})")
     except (ExperimentError, FamilyError) as error:
         return Flown(about | {"outcome": "refused", "outcome_text": str(error)})
     row = about | columns(log, experiment) | {"real_time_factor": result.real_time_factor}

@@ -13,16 +13,18 @@ MAX_TRIES = 2
 POLL_PERIOD_S = 5.0
 """Time between two checks whether workers have joined or left."""
 
-Work = Callable[[Task], Flown]
-
 
 class Trouble(NamedTuple):
     """The reason why a run brought no row back."""
 
-    outcome: Literal["killed", "hung", "error"]
-    """`killed`: its process died; `hung`: it took too long; `error`: it raised an exception."""
+    outcome: Literal["killed", "hung", "error", "invalid"]
+    """`killed`: its process died; `hung`: it took too long; `error`: it raised an exception; `invalid`: the process of
+    its control law failed."""
     text: str
     """One sentence."""
+
+
+Work = Callable[[Task], Flown | Trouble]
 
 
 class Backend(Protocol):

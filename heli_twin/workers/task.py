@@ -19,6 +19,8 @@ class Task(NamedTuple):
     """Keep the log if the flight completes with a greater score than this; None: do not look at the score."""
     own: tuple[Any, ...] = ()
     """The members of the user's own that the driver has named (`families.OwnSource`)."""
+    programs: tuple[Any, ...] = ()
+    """The programs of external laws that the driver has named (`controllers.programs.Program`)."""
 
 
 class Flown(NamedTuple):

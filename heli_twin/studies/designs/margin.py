@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from annotated_types import Ge, Le, doc
 
 from heli_twin.studies.axes import Linspace, Logspace, Uniform
-from heli_twin.studies.columns import COMPLETED, check_metrics
+from heli_twin.studies.columns import COMPLETED, INVALID, check_metrics
 from heli_twin.studies.designs import Batches, Point, Row, need_axes
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Space
@@ -109,7 +109,9 @@ class Search:
         return design.point_at(space, self.path, self.middle, self)
 
     def learn(self, row: Row, criteria: Mapping[str, float]) -> None:
-        """Halve the interval by the result of the flight at its middle."""
+        """Halve the interval by the result of the flight at its middle; an invalid run says nothing."""
+        if row["outcome"] == INVALID:
+            return
         if acceptable(row, self.criterion, criteria):
             self.low = self.middle
         else:
@@ -117,9 +119,9 @@ class Search:
 
 
 def bracket(rows: Sequence[Row], criterion: str, criteria: Mapping[str, float]) -> tuple[float | None, float | None]:
-    """The last acceptable share before the first that is not, and that one."""
+    """The last acceptable share before the first that is not, and that one; invalid runs say nothing."""
     low = None
-    for row in sorted(rows, key=lambda row: row["share"]):
+    for row in sorted((row for row in rows if row["outcome"] != INVALID), key=lambda row: row["share"]):
         if not acceptable(row, criterion, criteria):
             return low, row["share"]
         low = row["share"]

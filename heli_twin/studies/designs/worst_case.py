@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le, doc
 
-from heli_twin.studies.columns import COMPLETED
+from heli_twin.studies.columns import COMPLETED, INVALID
 from heli_twin.studies.designs import Batches, Point, Row, need_axes
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Space
@@ -44,6 +44,8 @@ class WorstCase:
 
         shares = default_rng(space.seeds.start).random((self.trials, len(space.axes))).tolist()
         yield [self._point(space, row, "random", trial) for trial, row in enumerate(shares)]
+        from optuna.trial import TrialState
+
         searches = {alternative.name: self._search(space) for alternative in space.alternatives}
         for first in range(0, self.trials, self.round):
             numbers = range(first, min(first + self.round, self.trials))
@@ -55,7 +57,8 @@ class WorstCase:
             rows = yield points
             for (name, number), trial in asked.items():
                 mine = [row for row in rows if row["alternative"] == name and row["trial"] == number]
-                searches[name].tell(trial, _mean_score(space, mine))
+                score = _mean_score(space, mine)
+                searches[name].tell(trial, score, None if score is not None else TrialState.FAIL)
 
     def _point(self, space: Space, shares: list[float], found_by: Origin, trial: int) -> Point:
         changes = {path: axis.quantile(share) for (path, axis), share in zip(space.axes.items(), shares, strict=True)}
@@ -69,6 +72,10 @@ class WorstCase:
         return optuna.create_study(direction="maximize", sampler=sampler)
 
 
-def _mean_score(space: Space, rows: list[Row]) -> float:
-    scores = [row[space.score] if row["outcome"] == COMPLETED else space.penalty for row in rows]
+def _mean_score(space: Space, rows: list[Row]) -> float | None:
+    """The mean over the seeds; None if all of the runs were invalid."""
+    valid = [row for row in rows if row["outcome"] != INVALID]
+    scores = [row[space.score] if row["outcome"] == COMPLETED else space.penalty for row in valid]
+    if not scores:
+        return None
     return sum(space.penalty if score is None else score for score in scores) / len(scores)

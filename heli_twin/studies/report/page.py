@@ -2,6 +2,7 @@
 
 import html
 from base64 import b64encode
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from heli_twin.reporting import plotly_json
@@ -25,6 +26,9 @@ from heli_twin.whole_file import whole_file, write_whole
 SECTIONS = (verdict, ladder, tornado, maps, margins, sensitivity, search, effort, timing, worst, fairness, provenance)
 """The sections of a report in their order; one that does not fit the study yields nothing."""
 
+OF_WHOLE_DESIGNS = (ladder, tornado, maps, margins, sensitivity, search)
+"""Sections that compare the points of a design: they are left out while some of its runs are invalid."""
+
 
 def write_report(folder: Path, out: Path | None = None) -> Path:
     """Write `report.html` and an SVG for each figure.
@@ -40,7 +44,7 @@ def write_report(folder: Path, out: Path | None = None) -> Path:
         StudyError: There are no results, or the report cannot be written.
     """
     results = results_of(folder)
-    parts = [part for section in SECTIONS for part in section(results)]
+    parts = [part for section in SECTIONS for part in _parts(section, results)]
     page = (out or folder) / "report.html"
     try:
         _write(page, results, parts)
@@ -50,6 +54,12 @@ def write_report(folder: Path, out: Path | None = None) -> Path:
             " the report with `heli-twin study report STUDY --out DIR`"
         ) from None
     return page
+
+
+def _parts(section: Callable[[Results], Iterator[Figure | Table]], results: Results) -> Iterator[Figure | Table]:
+    """The parts of a section; of a design, only when none of its runs is missing."""
+    if not (results.invalid and section in OF_WHOLE_DESIGNS):
+        yield from section(results)
 
 
 def _write(page: Path, results: Results, parts: list[Figure | Table]) -> None:

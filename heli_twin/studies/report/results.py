@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_twin.reporting.figure import Array
-from heli_twin.studies.columns import COMPLETED
+from heli_twin.studies.columns import COMPLETED, INVALID
+from heli_twin.studies.errors import StudyError
 from heli_twin.studies.results import read_results
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_of
@@ -31,6 +32,8 @@ class Results:
     study: Study
     about: Mapping[str, Any]
     columns: Mapping[str, NDArray[Any]]
+    invalid: int = 0
+    """Number of runs that are left out, since the process of their control law failed."""
 
     def __len__(self) -> int:
         return len(self.columns["id"])
@@ -113,7 +116,12 @@ def results_of(folder: Path) -> Results:
     wanted = [*fixed, *study.axes, study.score, *study.metrics, *_criteria(study)]
     table = read_results(folder, list(dict.fromkeys(wanted)))
     columns = {name: _column(table.column(name)) for name in table.column_names}
-    return Results(folder, study, about, columns)
+    results = Results(folder, study, about, columns)
+    is_invalid = results["outcome"] == INVALID
+    if is_invalid.all():
+        reason = results["outcome_text"][0]
+        raise StudyError(f"all runs of {folder} are invalid, the first since {reason}: mend the program, run it again")
+    return replace(results.where(~is_invalid), invalid=int(is_invalid.sum()))
 
 
 def _criteria(study: Study) -> list[str]:

@@ -30,7 +30,9 @@ def verdict(results: Results) -> Iterator[Table]:
             rows.append(
                 [f"{scale.name} of completed flights", *_cells(results, names, values, scale.factor, scale.unit)]
             )
-    sentence = f"{len(results):,} flights; {_claim(results, names)}."
+    left_out = f"; {results.invalid:,} invalid runs are left out, since the process of their control law failed:"
+    left_out += " the same `heli-twin study run` flies them again, and then the figures of the design are here"
+    sentence = f"{len(results):,} flights; {_claim(results, names)}{left_out if results.invalid else ''}."
     yield Table("Verdict", sentence, header, rows)
 
 
