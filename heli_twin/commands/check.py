@@ -20,7 +20,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin check ./my_law.py\n"
         "  heli-twin check my_package.laws:Mine --json\n"
         "  heli-twin check ./pid                            # a law that is a program\n"
-        "  heli-twin check '[\"python3\", \"law.py\"]'",
+        '  heli-twin check \'["python3", "law.py"]\'',
     )
     parser.add_argument("what", metavar="FILE.py[:CLASS] | PACKAGE.MODULE:CLASS | PROGRAM", help="what to check")
     parser.add_argument("--json", action="store_true", help="print the verdicts as JSON, for programs")

@@ -241,13 +241,18 @@ def worst(parsed: Namespace) -> int:
 def refly(parsed: Namespace) -> int:
     """Fly one run again and keep its log in the study's folder."""
     from heli_twin.commands.fly import exit_code, show
-    from heli_twin.experiment.tree import from_json
+    from heli_twin.experiment import tree
+    from heli_twin.experiment.own import other_program
     from heli_twin.mission import fly
     from heli_twin.studies.worst import experiment_by_id
 
     load_with(parsed)
     folder = folder_of(parsed.study)
-    result = fly(from_json(experiment_by_id(folder, parsed.id)), log_dir=folder / "reflown")
+    text = experiment_by_id(folder, parsed.id)
+    experiment = tree.from_json(text)
+    for notice in other_program(tree.parsed(text), experiment):
+        say(notice)
+    result = fly(experiment, log_dir=folder / "reflown")
     show(result.summary())
     return exit_code(result)
 
