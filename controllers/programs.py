@@ -185,6 +185,11 @@ def receive(programs: Iterable[Program]) -> None:
 def beside(folder: Path, words: Sequence[str]) -> list[str]:
     """The words of a command that stands in a file: what names a file names it from the folder of that file on."""
     return [
-        str(folder / word) if (place or "/" in word) and "\0" not in word and (folder / word).is_file() else word
+        # Not `str(folder / word)`: of `./pid` it leaves `pid`, which is looked for on the search path.
+        f"{folder}/{word}" if (place or "/" in word) and _is_file_in(folder, word) else word
         for place, word in enumerate(words)
     ]
+
+
+def _is_file_in(folder: Path, word: str) -> bool:
+    return not word.startswith("/") and "\0" not in word and (folder / word).is_file()

@@ -3,9 +3,10 @@
 The wire is lines of decimal numbers in ASCII, separated by blanks; numbers are written so that reading them as a double
 gives the same double. The two sides take turns, so that the speed of the process never changes a flight.
 
-1. We send `heli_twin VERSION PERIOD STEPS NX NU`, then the believed `u_min`, `u_max` and hover input, NU numbers each.
-   The period is in s; STEPS is how many periods of the reference it is sent ahead. It answers `heli_twin VERSION`.
-2. In each control step we send one line of 28 + (STEPS + 1) NX + STEPS NU numbers:
+1. We send `heli_twin VERSION PERIOD STEPS NX NU EXTRA`, then the believed `u_min`, `u_max` and hover input, NU = 4
+   numbers each. The period is in s; STEPS is how many periods of the reference it is sent ahead; NX = 8 is the number
+   of states, and EXTRA that of further states, 0 of our estimators. It answers `heli_twin VERSION`.
+2. In each control step we send one line of 28 + (STEPS + 1) NX + STEPS NU + 2 EXTRA numbers:
 
    | place | what |
    |---|---|
@@ -16,6 +17,7 @@ gives the same double. The two sides take turns, so that the speed of the proces
    | 14 to 25 | variances of position, velocity and disturbance of x, of y, of z, of yaw |
    | 26, 27 | capture time of the newest pose, ns; number of poses refused so far |
    | 28 on | reference: STEPS + 1 states as above, from the time of the estimate on, then STEPS inputs |
+   | last | the further states of the estimate, then the variance of each |
 
    It answers with one line of 5 numbers: the control time that it was sent, and its inputs pitch, roll, thrust and yaw,
    fractions of full stick from -1 to 1.
@@ -111,7 +113,7 @@ class ExternalController:
         if not np.isfinite(estimate.x).all():
             return safe_hover(self._spec.model, now)
         try:
-            process = self._process or self._begin()
+            process = self._process or self._begin(len(estimate.extra))
             return Command(now, _inputs(process.ask(_step_line(now, estimate, reference)), now))
         except ProcessFailed as error:
             raise LawFailed(now, self._reason(now, str(error))) from None
@@ -124,10 +126,10 @@ class ExternalController:
         """End the process, in whatever state it is."""
         self._held.close()
 
-    def _begin(self) -> LineProcess:
+    def _begin(self, extra: int) -> LineProcess:
         process = self._process = LineProcess(unpacked(self._program, self._held), self._limit)
         self._held.callback(process.close)
-        answer = process.ask(_hello_line(self._spec))
+        answer = process.ask(_hello_line(self._spec, extra))
         if answer.split() != ["heli_twin", str(WIRE_VERSION)]:
             raise ProcessFailed(
                 f"it has to answer the first line with 'heli_twin {WIRE_VERSION}', not {_shown(answer)}"
@@ -162,18 +164,18 @@ def limit_from_environment() -> float:
     return limit
 
 
-def _hello_line(spec: External) -> str:
-    numbers = [*spec.model.u_min, *spec.model.u_max, *spec.model.u_hover]
-    return f"heli_twin {WIRE_VERSION} {spec.period!r} {spec.steps} {NX} {NU} {' '.join(map(repr, numbers))}\n"
+def _hello_line(spec: External, extra: int) -> str:
+    sizes = f"{spec.steps} {NX} {NU} {extra}"
+    limits = " ".join(map(repr, (*spec.model.u_min, *spec.model.u_max, *spec.model.u_hover)))
+    return f"heli_twin {WIRE_VERSION} {spec.period!r} {sizes} {limits}\n"
 
 
 def _step_line(now: int, estimate: Estimate, reference: Reference) -> str:
-    state, disturbance, variance, x_ref, u_ref = (
-        " ".join(map(repr, part.ravel().tolist()))
-        for part in (estimate.x, estimate.disturbance, estimate.variance, reference.x, reference.u)
-    )
-    newest = f"{estimate.pose_stamp} {estimate.rejected}"
-    return f"{now} {estimate.stamp} {state} {disturbance} {variance} {newest} {x_ref} {u_ref}\n"
+    newest = (estimate.pose_stamp, estimate.rejected)
+    believed = [*estimate.x.tolist(), *estimate.disturbance.tolist(), *estimate.variance.ravel().tolist()]
+    ahead = [*reference.x.ravel().tolist(), *reference.u.ravel().tolist()]
+    further = [*estimate.extra.tolist(), *estimate.extra_variance.tolist()]
+    return " ".join(map(repr, (now, estimate.stamp, *believed, *newest, *ahead, *further))) + "\n"
 
 
 def _inputs(answer: str, now: int) -> Array:

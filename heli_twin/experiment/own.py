@@ -5,7 +5,7 @@ member of heli_twin, and a text with the mark is never read back as something el
 the user (`--with ./my_law.py`) or installed. No code and no path comes from a log.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, get_args
 
@@ -114,6 +114,26 @@ def refuse_commands(tree: Any) -> None:
 
 def _is_texts(words: Any) -> bool:
     return isinstance(words, list) and all(isinstance(word, str) for word in words)
+
+
+def with_commands(value: Any, change: Callable[[list[str]], Sequence[str]], key: str = "") -> Any:
+    """Tables and lists of a study or an experiment with every command in them changed.
+
+    Args:
+        value: A table, a list or a single value.
+        change: From the words of a command to its new words; a single text is a command of one word.
+        key: The name under which the value stands, maybe a dotted path.
+    """
+    is_command = key.rpartition(".")[2] == "command"
+    if isinstance(value, dict):
+        return {name: with_commands(inner, change, key if is_command else name) for name, inner in value.items()}
+    if is_command and isinstance(value, str):
+        return list(change([value]))
+    if not isinstance(value, list | tuple):
+        return value
+    if is_command and value and _is_texts(list(value)):
+        return list(change(list(value)))
+    return type(value)(with_commands(inner, change, key) for inner in value)
 
 
 def with_program_at_hand(experiment: Experiment) -> Experiment:

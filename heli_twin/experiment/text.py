@@ -11,7 +11,7 @@ import reprlib
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import is_dataclass
-from functools import reduce
+from functools import partial, reduce
 from importlib.resources import files
 from operator import getitem
 from pathlib import Path
@@ -22,7 +22,7 @@ from controllers.programs import beside
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import is_file_reference, is_reference, members, own_member
 from heli_twin.experiment.fields import FieldInfo, fields_of
-from heli_twin.experiment.own import OWN, require_own, without_mark
+from heli_twin.experiment.own import OWN, require_own, with_commands, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
 from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of, unknown_field
 from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, cut, listing
@@ -164,8 +164,6 @@ def _read(source: str) -> tuple[Tree, int]:
             # A file of the user's own stands beside the TOML that names it.
             table, _, key = name.rpartition(".")
             reduce(getitem, filter(None, table.split(".")), tree)[key] = str(path.parent / value)
-        elif name == "controller.command" and isinstance(value, list) and all(isinstance(word, str) for word in value):
-            tree["controller"]["command"] = beside(path.parent, value)
     version = tree.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
         raise ExperimentError(
@@ -173,7 +171,7 @@ def _read(source: str) -> tuple[Tree, int]:
             f" {PHYSICS_VERSION}; update it,"
             " or remove the line to read the file with today's defaults"
         )
-    return with_content("", tree, path.parent), version
+    return with_commands(with_content("", tree, path.parent), partial(beside, path.parent)), version
 
 
 _NOT_TOML = (ValueError, RecursionError)

@@ -12,6 +12,7 @@ from controllers.programs import named
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.differences import told
 from heli_twin.experiment.fields import fields_of
+from heli_twin.experiment.own import with_commands
 from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.text import load, presets
 from heli_twin.experiment.tree import canonical_json, experiment_of
@@ -100,7 +101,7 @@ def plan_of(study: Study) -> StudyPlan:
         HeliTwinError: One sentence: an unknown path, a value out of bounds, an empty axis, a design that the axes do
             not fit, or far too many runs.
     """
-    study = _with_marked_programs(study)
+    study = _with_named_programs(study)
     if len(study.axes) > MAX_AXES:
         raise StudyError(f"this study has {len(study.axes):,} axes: at most {MAX_AXES}")
     base = _base(study)
@@ -122,37 +123,19 @@ def plan_of(study: Study) -> StudyPlan:
     return plan
 
 
-def _with_marked_programs(study: Study) -> Study:
+def _with_named_programs(study: Study) -> Study:
     """The study with the programs of external laws named by their marks, as its store keeps it.
 
     Raises:
         StudyError: A program cannot be run here.
     """
     try:
-        design: Any = replace(
-            study.design, **{f.name: _marked(getattr(study.design, f.name)) for f in fields(study.design)}
-        )  # pyright: ignore
-        return replace(
-            study,
-            base=_marked(study.base),
-            alternatives=_marked(study.alternatives),
-            axes=_marked(study.axes),
-            design=design,
-        )
+        design: Any = study.design
+        changes = {f.name: with_commands(getattr(design, f.name), named, f.name) for f in fields(design)}
+        tables = {name: with_commands(getattr(study, name), named) for name in ("base", "alternatives", "axes")}
+        return replace(study, design=replace(design, **changes), **tables)
     except ValueError as error:
         raise StudyError(f"controller.{error}") from None
-
-
-def _marked(value: Any, key: str = "") -> Any:
-    """Tables and lists with each list of texts under the key `command` replaced by its marks."""
-    is_command = key.rpartition(".")[2] == "command"
-    if isinstance(value, dict):
-        return {name: _marked(inner, key if is_command else name) for name, inner in value.items()}
-    if not isinstance(value, list | tuple):
-        return value
-    if is_command and value and all(isinstance(word, str) for word in value):
-        return list(named(value))
-    return type(value)(_marked(inner, key) for inner in value)
 
 
 def _told(runs: int) -> str:

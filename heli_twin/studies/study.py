@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +11,9 @@ from typing import Annotated, Any
 from annotated_types import Ge, Gt, Le, MinLen, doc
 
 from controllers.markers import OneOf
+from controllers.programs import beside
 from heli_twin.experiment.families import members
+from heli_twin.experiment.own import with_commands
 from heli_twin.experiment.text import assignment, with_content
 from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
 from heli_twin.studies.designs import Design
@@ -142,7 +145,12 @@ def _read_parts(tree: Tree) -> None:
 
 
 def _read_contents(tree: Tree, folder: Path) -> None:
-    """Put the contents of files in place of their names, where a field of an experiment holds one."""
+    """Put the contents of files in place of their names, where a field of an experiment holds one.
+
+    The files of a program's command are named from the folder on.
+    """
+    for name in tree.keys() & {"base", "axes", "alternatives", "design"}:
+        tree[name] = with_commands(tree[name], partial(beside, folder), name)
     for name in ("base", "axes"):
         if isinstance(changes := tree.get(name), dict):
             tree[name] = with_content("", changes, folder)

@@ -225,7 +225,13 @@ def test_an_experiment_holds_no_path_and_the_hash_of_the_program(here: Path) -> 
 
 def test_a_file_in_toml_stands_beside_the_toml(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (here / "x.toml").write_text('duration = 1\n[controller]\nkind = "external"\ncommand = ["python3", "pid.py"]\n')
+    (here / "law").write_text("#!/usr/bin/env python3\n" + example("python"))
+    (here / "law").chmod(0o755)
+    here_too = load("x.toml", ["controller.command=./law"])
+    (here / "y.toml").write_text('duration = 1\n[controller]\nkind = "external"\ncommand = "./law"\n')
+    assert load("y.toml") == here_too
     monkeypatch.chdir("/")
+    assert load(str(here / "y.toml")) == here_too
     assert fly(load(str(here / "x.toml")), log_dir=None).outcome.kind == "completed"
 
 

@@ -14,11 +14,12 @@ from heli_twin import HeliTwinError
 from heli_twin.cli import main
 from heli_twin.studies.campaign import run_study
 from heli_twin.studies.designs.margin import Search, bracket
+from heli_twin.studies.plan import plan_of
 from heli_twin.studies.report import write_report
 from heli_twin.studies.report.results import results_of
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.store import Store
-from heli_twin.studies.study import Study, study_of
+from heli_twin.studies.study import Study, load_study, study_of
 from heli_twin.studies.worst import worst_runs
 from heli_twin.workers.engine import Trouble
 
@@ -190,3 +191,20 @@ def test_a_search_learns_nothing_from_an_invalid_run() -> None:
     search = Search("a", "base", 0, "rmse.x", 0.0, 1.0)
     search.learn({"outcome": "invalid"}, criteria)
     assert (search.low, search.high) == (0.0, 1.0)
+
+
+def test_a_program_in_a_study_file_stands_beside_the_file(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "x.toml").write_text(
+        'tuning = [{ command = "heli-twin tune", controller = { kind = "pid" } }]\n'
+        '[axes]\n"controller.command" = [["python3", "law.py"], ["python3", "law.py", "flaky"]]\n'
+        '[base]\ncontroller = { kind = "external", command = ["python3", "law.py"] }\n'
+    )
+    here = plan_of(load_study("x.toml"))
+    monkeypatch.chdir("/")
+    there = plan_of(load_study(str(tmp_path / "x.toml")))
+    assert here.study == there.study
+    assert here.study.tuning[0]["command"] == "heli-twin tune"
+    assert here.study.axes["controller.command"][1][1:] == [f"law.py@{programs._hash(tmp_path / 'law.py')}", "flaky"]
+    assert here.count() == 2
