@@ -15,6 +15,8 @@ from controllers.model import Model
 from controllers.signals import Array, Command, Estimate, Reference, nanoseconds
 from controllers.supervisors import Order, Phase, PhaseChange
 
+LINGERS = "the plan has come down, and the helicopter has not"
+"""The reason of a landing that was planned."""
 UNSOLVED = ("shifted_plan", "safe_hover")
 """Statuses of a control problem that was not solved."""
 
@@ -50,6 +52,10 @@ class Safety:
         float, Ge(0), Le(10), Unit("s"), doc("time to sink on, unseen, after the floor should be reached")
     ] = 1.5
     spool: Annotated[float, Gt(0), Le(10), Unit("s"), doc("time in which the motors start and stop")] = 0.5
+    # Ground effect carries it: without an integral in z, an MPC hovers 3 cm above the floor.
+    linger: Annotated[
+        float, Gt(0), Le(60), Unit("s"), doc("time above the floor with the plan on it; then descend")
+    ] = 0.5
     # The skids reach 0.045 m below the centre of gravity.
     floor: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity when it stands")] = 0.045
 
@@ -73,14 +79,15 @@ class SafetySupervisor:
         self._voltage, self._optimises = float("inf"), False
         self._solved_at, self._has_solver = 0, True
         self._standing_since: int | None = None
+        self._planned_down_since: int | None = None
         self._thrust = 0.0
 
     def order(self, now: int, estimate: Estimate | None, plan: Reference) -> Order:
         """Decide on the phase, and what to fly in it."""
         before = self.phase
         reason = self._next(now, estimate, plan)
-        calm = ("ready", "flying", "landed")
-        severity = "info" if self.phase in calm else "warning"
+        is_calm = self.phase in ("ready", "flying", "landed") or reason == LINGERS
+        severity = "info" if is_calm else "warning"
         event = PhaseChange(severity, self.phase, reason) if self.phase != before or reason else None
         match self.phase:
             case "ready" | "landed":
@@ -117,6 +124,10 @@ class SafetySupervisor:
                 if self._has_landed_as_planned(now, estimate, plan):
                     self.phase = "landed"
                     return "the plan has come down"
+                if self._lingers(now) and estimate:
+                    self._stop_at(estimate.x)
+                    self.phase = "landing"
+                    return LINGERS
                 return self._watch(unseen, estimate.x if estimate else plan.x[0])
             case "landing":
                 if self._stands(now, estimate, unseen > spec.coast_after):
@@ -173,8 +184,15 @@ class SafetySupervisor:
     def _has_landed_as_planned(self, now: int, estimate: Estimate | None, plan: Reference) -> bool:
         is_planned = bool((plan.x[:, 2] <= self._spec.floor + 0.002).all())
         if not is_planned:
-            self._standing_since = None
+            self._standing_since = self._planned_down_since = None
+        elif self._planned_down_since is None:
+            self._planned_down_since = now
         return is_planned and self._stands(now, estimate, False)
+
+    def _lingers(self, now: int) -> bool:
+        """Return whether the plan has come down a while ago; the helicopter has not, or it would be landed."""
+        since = self._planned_down_since
+        return since is not None and now - since >= nanoseconds(self._spec.linger)
 
     def _stands(self, now: int, estimate: Estimate | None, is_blind: bool) -> bool:
         """Return whether it has been on the floor for a while or, without poses, whether the descent has ended."""
@@ -213,9 +231,12 @@ class SafetySupervisor:
         return Order(command=Command(now, u))
 
     def _on_the_floor(self, now: int) -> Command:
-        """Start the motors, up to nine tenths of what lifts, or stop them."""
+        """Start the motors, or stop them.
+
+        On the floor four fifths of hover thrust do not lift it: ground effect adds an eighth.
+        """
         lifts = self._model.u_hover[2]
         step = self._period / self._spec.spool * lifts
         is_ready = self.phase == "ready"
-        thrust = min(self._thrust + step, 0.9 * lifts) if is_ready else max(self._thrust - step, 0.0)
+        thrust = min(self._thrust + step, 0.8 * lifts) if is_ready else max(self._thrust - step, 0.0)
         return Command(now, np.array([0.0, 0.0, thrust, 0.0]))

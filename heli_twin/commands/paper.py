@@ -20,7 +20,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "fly what the paper shows and judge each of its claims",
         "Fly the paper's simulations and experiments on the twin, with several seeds on all cores, and write one\n"
         "page: its figures, the identified parameters, and each claim with the paper's number, ours with its\n"
-        "interval, and a verdict. Two cores need about two minutes.",
+        "interval, and a verdict. The lab is lab_simple: its helicopter has the parameters that the paper identified.\n"
+        "Two cores need about two minutes.",
         "  heli-twin paper\n  heli-twin paper --seeds 4 --out logs/quick",
     )
     parser.add_argument(
@@ -31,6 +32,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Fly, judge, print the verdicts."""
+    from heli_twin.paper.flights import WHY_THIS_LAB
     from heli_twin.paper.write import write_paper
 
     with progress_bar() as bar:
@@ -41,6 +43,7 @@ def run(parsed: Namespace) -> int:
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
     show(claims)
+    say(WHY_THIS_LAB)
     say(f"page {parsed.out / 'paper.html'}")
     return 0
 

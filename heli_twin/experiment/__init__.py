@@ -1,7 +1,8 @@
 """The experiment: an immutable value with everything that determines a flight, and nothing else.
 
 The helicopter is described twice: `plant` is the real one, `controller.model` is what the ground station believes. A
-model mismatch is a difference between the two. The defaults are the lab with everything realistic.
+model mismatch is a difference between the two. The defaults are the lab with everything realistic: its helicopter is `LAB_PLANT`,
+while the class of the plant has the defaults of one without plant effects.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from controllers.excitations.off import NoExcitation
 from controllers.laws import ControlLaw
 from controllers.markers import EachOf, Named, OneOf
 from controllers.supervisors import SupervisorSpec
-from controllers.supervisors.off import NoSupervisor
+from controllers.supervisors.safety import Safety
 from controllers.trajectories import Trajectory
 from controllers.trajectories.circle import Circle
 from heli_twin.lab.compute import ComputeSpec, Modelled
@@ -26,6 +27,12 @@ from heli_twin.lab.disturbances.gust import Gust
 from heli_twin.lab.faults import Fault
 from heli_twin.lab.mocap import MocapSpec, Vicon
 from heli_twin.lab.plant import PlantSpec
+from heli_twin.lab.plant.effects.battery import BatterySpec
+from heli_twin.lab.plant.effects.ground_effect import GroundEffect
+from heli_twin.lab.plant.effects.hub_drag import HubDrag
+from heli_twin.lab.plant.effects.servo import Servo
+from heli_twin.lab.plant.effects.spool_up import SpoolUp
+from heli_twin.lab.plant.effects.thrust_yaw_coupling import ThrustYawCoupling
 from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.lab.radio import Dsm2, RadioSpec
 from heli_twin.whole_file import uninterrupted
@@ -33,6 +40,14 @@ from heli_twin.whole_file import uninterrupted
 # Ctrl-C in the middle of its import would make ProxSuite's C++ abort the process.
 with uninterrupted():
     from controllers.laws.ltv_mpc import LtvMpc
+
+
+LAB_PLANT = MuJoCo(
+    # Heave damping of 1.5 1/s.
+    drag_z=0.042,
+    effects=(BatterySpec(), GroundEffect(), HubDrag(), Servo(), SpoolUp(), ThrustYawCoupling()),
+)
+"""The helicopter in the lab."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +75,11 @@ class Experiment:
     )
     supervisor: Annotated[
         SupervisorSpec, OneOf("controllers.supervisors"), doc("levels off and lands when the flight cannot go on")
-    ] = field(default_factory=NoSupervisor)
+    ] = field(default_factory=Safety)
     excitation: Annotated[
         ExcitationSpec, OneOf("controllers.excitations"), doc("added to the sent commands, for calibration")
     ] = field(default_factory=NoExcitation)
-    plant: Annotated[PlantSpec, OneOf("heli_twin.lab.plant"), doc("the helicopter as it is")] = field(
-        default_factory=MuJoCo
-    )
+    plant: Annotated[PlantSpec, OneOf("heli_twin.lab.plant"), doc("the helicopter as it is")] = LAB_PLANT
     compute: Annotated[ComputeSpec, OneOf("heli_twin.lab.compute"), doc("time the ground station needs")] = field(
         default_factory=Modelled
     )

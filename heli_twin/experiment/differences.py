@@ -8,11 +8,12 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.families import members
 from heli_twin.experiment.own import OWN
-from heli_twin.experiment.text import load, presets
-from heli_twin.experiment.tree import Tree, parsed, tree_of
-from heli_twin.experiment.values import cut
-from heli_twin.terminal_text import pasteable
+from heli_twin.experiment.text import family_at, load, presets
+from heli_twin.experiment.tree import Tree, parsed, table_of, tree_of
+from heli_twin.experiment.values import ExperimentError, cut
+from heli_twin.terminal_text import instead, pasteable
 
 
 class Change(NamedTuple):
@@ -45,7 +46,7 @@ def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
             # Only disturbances, faults and effects can be added and removed.
             yield Change(path, "off", _added(key, value), is_member=True)
             if OWN not in value:
-                yield from changes(_defaults(path, _added(key, value)), value, f"{path}.")
+                yield from changes(_defaults(path, value["kind"]), value, f"{path}.")
         elif value.get("kind") != before[key].get("kind"):
             yield Change(path, before[key]["kind"], value["kind"], is_member=True)
             if OWN not in value:
@@ -110,11 +111,12 @@ def _bases() -> dict[str, Tree]:
 
 
 def _defaults(path: str, kind: str) -> Tree:
-    """Return the tree of a part after `heli-twin fly path=kind`."""
-    tree = tree_of(load(None, [f"{path}={kind}"]))
-    for key in path.split("."):
-        tree = tree[key]
-    return tree
+    """Return the tree of a part after `path=kind` where another kind, or none, was before."""
+    family = family_at(path)
+    kinds = members(family) if family else {}
+    if kind not in kinds:
+        raise ExperimentError(f"unknown {path} {instead(kind, kinds)}")
+    return table_of(kinds[kind]())
 
 
 def _text(value: Any) -> str:

@@ -41,6 +41,9 @@ class Past(NamedTuple):
 _KALMAN = "controllers.estimators.kalman.Kalman"
 PAST: dict[str, Past] = {
     "heli_twin.lab.plant.mujoco.MuJoCo.effects": Past(4, {}),
+    # The plant of an experiment has another default than its class.
+    "heli_twin.lab.plant.mujoco.MuJoCo.drag_z": Past(4, 0.0, is_new=False),
+    "heli_twin.lab.disturbances.gust.Gust.strength": Past(4, 0.25, is_new=False),
     "heli_twin.lab.faults.pose_nan.PoseNan.rate": Past(4, 0.0),
     "heli_twin.lab.faults.pose_outage.PoseOutage.rate": Past(4, 0.0),
     f"{_KALMAN}.withstand_faults": Past(4, False),

@@ -80,7 +80,7 @@ def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
 
 def _names_a_kind(path: str, value: Any) -> bool:
     """Return whether a change selects the member of a family at its path."""
-    is_member = isinstance(value, str | dict) and value not in ("on", "off") and _holds_member(Experiment, path)
+    is_member = isinstance(value, str | dict) and value not in ("on", "off") and bool(family_at(path))
     return path.endswith(".kind") or is_member or (_is_content(value) and _content_field(Experiment, path) is not None)
 
 
@@ -128,19 +128,30 @@ def _content_field(spec: type, path: str) -> FileContent | None:
     return next(filter(None, found), None)
 
 
-def _holds_member(spec: type, path: str) -> bool:
-    """Return whether a path leads to a member of a family, for any kinds of the members above it."""
+def family_at(path: str, spec: type = Experiment) -> str:
+    """Return the family's package of the member at a dotted path, for any kinds of the members above it.
+
+    Args:
+        path: Dotted path.
+        spec: Class of the table in which it begins.
+
+    Returns:
+        The package; empty if no member stands there.
+    """
     key, _, rest = path.partition(".")
     info = fields_of(spec).get(key)
     if info is None or info.adapter is not None:
-        return False
+        return ""
     if info.family is None:
-        return _holds_member(info.type, rest)
+        return family_at(rest, info.type)
     if isinstance(info.family, EachOf):
         _, is_deeper, rest = rest.partition(".")
     else:
         is_deeper = rest
-    return not is_deeper or any(_holds_member(kind, rest) for kind in members(info.family.package).values())
+    package = info.family.package
+    if not is_deeper:
+        return package
+    return next(filter(None, (family_at(rest, kind) for kind in members(package).values())), "")
 
 
 def _read(source: str) -> tuple[Tree, int]:

@@ -29,6 +29,14 @@ ZIEGLER_NICHOLS = (
 TURNING = ("trajectory=pirouette_circle",)
 LATE = ("mocap.latency=0.04", "estimator.roll_forward=false")
 """Poses 40 ms old, taken for new."""
+LAB = "lab_simple"
+"""Preset of the lab that the paper is judged in."""
+WHY_THIS_LAB = (
+    "The flights of the testbed are judged in the lab lab_simple, not in lab: its helicopter has the parameters (27) that"
+    " the paper identified. The plant effects of lab are estimates, and the paper says nothing of them; hub drag alone"
+    " gives a helicopter whose identification does not return (27). In both labs the strength of the gust is fitted to"
+    " the hover of Fig. 4."
+)
 THRUST_DEFICITS = (0.05, 0.10)
 """Shares by which the thrust gain falls short of what the controllers believe."""
 
@@ -38,7 +46,7 @@ class Case(NamedTuple):
 
     label: str
     changes: tuple[str, ...] = ()
-    preset: str | None = None
+    preset: str = LAB
     once: bool = False
     """True if there is no chance in it, so that one flight is enough."""
 
@@ -49,7 +57,7 @@ class Case(NamedTuple):
     def command(self, duration: float) -> str:
         """The command that flies the first of them."""
         shorter = () if duration == load(self.preset).duration else (f"duration={duration:g}",)
-        return pasteable("heli-twin", "fly", *([self.preset] if self.preset else []), *self.changes, *shorter)
+        return pasteable("heli-twin", "fly", self.preset, *self.changes, *shorter)
 
 
 def weak(share: float, kind: str = "") -> str:
@@ -142,7 +150,7 @@ def identification_tasks() -> Iterator[Task]:
     """The flights of `heli-twin identify`; all logs are kept."""
     from heli_twin.identification.flights import experiments
 
-    for number, experiment in enumerate(experiments(load())):
+    for number, experiment in enumerate(experiments(load(LAB))):
         text = canonical_json(experiment)
         yield Task(f"identify-{number}", text, "", keep_log=True, keep_failed=True, keep_above=None)
 

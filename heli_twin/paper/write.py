@@ -12,7 +12,7 @@ from heli_twin.paper.causes import causes
 from heli_twin.paper.claims import claims, parameter_rows, timing_claims
 from heli_twin.paper.curves import Shown, times_figure
 from heli_twin.paper.figures import figures
-from heli_twin.paper.flights import CASES, Flights, fly_all, identification_tasks, tasks
+from heli_twin.paper.flights import CASES, WHY_THIS_LAB, Flights, fly_all, identification_tasks, tasks
 from heli_twin.paper.gains import gains_table
 from heli_twin.paper.page import STYLE, claims_section, figure_section, flown_table
 from heli_twin.paper.verdicts import Claim
@@ -75,7 +75,7 @@ def write_paper(
 TITLE = "Fast Model Predictive Control of Miniature Helicopters, reproduced"
 QUESTION = (
     "What Kunz, Huck and Summers (ECC 2013) flew with a Blade mCX2, flown again with its digital twin: claim by claim, "
-    "with the same seeds for every controller."
+    f"with the same seeds for every controller. {WHY_THIS_LAB}"
 )
 
 

@@ -94,6 +94,6 @@ def test_whole_turns_between_plan_and_estimate_do_not_matter(turns):
 def test_with_weak_thrust_the_ranking_in_z_is_offset_free_then_pid_then_the_paper():
     weak = ["trajectory=hover", "plant.thrust_gain=0.464", "duration=10"]
     laws = ("controller.offset_free=z", "controller=pid", "controller=ltv_mpc")
-    rmse = [metrics(fly(load(overrides=[*weak, law]), log_dir=None).log)["rmse"]["z"] for law in laws]
+    rmse = [metrics(fly(load("lab_simple", [*weak, law]), log_dir=None).log)["rmse"]["z"] for law in laws]
     # About 0.6, 1.9 and 6 cm: each a factor of three apart.
     assert rmse[0] < 0.5 * rmse[1] < 0.25 * rmse[2]

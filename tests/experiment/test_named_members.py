@@ -72,7 +72,7 @@ def test_names_are_kinds_where_nothing_else_is_said() -> None:
         ["disturbances.second=gust"],
         ["disturbances.second.kind=gust"],
         ["disturbances.second={kind='gust'}"],
-        ["disturbances.second.strength=0.25", "disturbances.second=gust"],
+        ["disturbances.second.strength=0.095", "disturbances.second=gust"],
         ["disturbances.second=bias", "disturbances.second.kind=gust"],
     ],
 )

@@ -103,7 +103,8 @@ def test_what_show_prints_is_what_fly_takes(name, tmp_path):
 @pytest.mark.parametrize(("family", "kind"), MEMBERS)
 def test_every_member_goes_through_text_and_back(family, kind, tmp_path):
     experiment = load("lab", [f"{family}.kind={kind}"])
-    assert getattr(experiment, family) == members(FAMILIES[family])[kind]()
+    of_the_lab, of_the_class = getattr(load(), family), members(FAMILIES[family])[kind]()
+    assert getattr(experiment, family) == (of_the_lab if kind == of_the_lab.kind else of_the_class)
     assert load("lab", [f"{family}={kind}"]) == experiment
     file = tmp_path / "mine.toml"
     file.write_text(toml_of(experiment))
@@ -176,7 +177,8 @@ def refusal(*overrides, source="lab"):
 def test_a_number_out_of_bounds_is_refused_with_field_value_limit_unit_and_default(path):
     part = NUMBERS[path]
     tree = tree_of(everything_on())
-    default = read(tree, path)
+    # The plant of the lab has another value than its class.
+    default = 0.0 if path == "plant.drag_z" else read(tree, path)
     for value in forbidden(part):
         put(tree, path, value)
         with pytest.raises(ExperimentError) as caught:

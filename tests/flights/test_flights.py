@@ -65,11 +65,14 @@ def test_forty_milliseconds_of_unknown_delay_are_the_paper_s_simulation():
     assert max(known["x"], known["y"]) < 0.001
 
 
-def test_the_lab_flies_within_a_hand_s_breadth(lab):
-    assert lab.outcome.kind == "completed"
-    error = largest(lab)
-    # Gust, bias, noise, lags and delay: 4 to 9 cm on the circle, 2 cm in height, 3 degrees.
-    assert max(error["x"], error["y"]) < 0.09
+@pytest.mark.parametrize(("preset", "reach"), [("lab", 0.12), ("lab_simple", 0.09)])
+def test_the_lab_flies_within_a_hand_s_breadth(preset, reach):
+    flight = flown(preset, "duration=4")
+    assert flight.outcome.kind == "completed"
+    error = largest(flight)
+    # Gust, bias, noise, lags and delay: 4 to 9 cm on the circle, 2 cm in height, 3 degrees. Drag at the hubs, which the
+    # model does not know, adds 4 cm.
+    assert max(error["x"], error["y"]) < reach
     assert error["z"] < 0.02
     assert error["yaw"] < np.radians(3)
 

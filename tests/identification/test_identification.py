@@ -174,7 +174,7 @@ def test_logs_without_a_flight_are_refused():
 
 @pytest.mark.parametrize("trajectory", [Hover(), Circle()])
 def test_flights_that_tell_nothing_are_refused(trajectory):
-    experiment = replace(load("lab"), trajectory=trajectory, duration=12.0)
+    experiment = replace(load("lab_simple"), trajectory=trajectory, duration=12.0)
     with pytest.raises(IdentificationError, match=r"x .*is needed"):
         found(fly(experiment, log_dir=None).log)
 
@@ -202,7 +202,7 @@ def test_stretches_share_no_memory():
 
 @pytest.fixture(scope="module")
 def lab_logs(tmp_path_factory):
-    flights = [replace(e, duration=0.6 * e.duration) for e in experiments(load("lab")) if e.seed in (0, PLANE_FLIGHTS)]
+    flights = [replace(e, duration=0.6 * e.duration) for e in experiments(load("lab_simple")) if e.seed in (0, PLANE_FLIGHTS)]
     return fly_them(flights, tmp_path_factory.mktemp("flights"))
 
 
@@ -265,7 +265,7 @@ def test_logs_and_an_experiment_together_are_a_mistake(lab_logs, capsys):
 
 
 def test_every_flight_has_gusts_of_its_own():
-    flights = experiments(load("lab", ["seed=5", "trajectory=doublets", "trajectory.x=0.5"]))
+    flights = experiments(load("lab_simple", ["seed=5", "trajectory=doublets", "trajectory.x=0.5"]))
     assert [e.seed for e in flights] == list(range(5, 5 + PLANE_FLIGHTS + HEIGHT_AND_YAW_FLIGHTS))
     assert {e.trajectory.x for e in flights} == {0.5}
 

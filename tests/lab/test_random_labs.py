@@ -51,6 +51,8 @@ def random_lab(seed: int) -> Experiment:
     changes += [f"trajectory={rng.choice(['hover', 'circle', 'takeoff_and_landing'])}"]
     changes += [f"controller={rng.choice(['ltv_mpc', 'pid'])}", f"plant={rng.choice(['mujoco', 'mujoco', 'ideal'])}"]
     effects = EFFECTS if "plant=mujoco" in changes else {}
+    # Those of the lab are off unless they are drawn.
+    changes += [f"plant.effects.{kind}=off" for kind in effects]
     for family, share, path in (
         (effects, 0.4, "plant.effects"),
         (FAULTS, 0.15, "faults"),

@@ -23,7 +23,7 @@ from heli_twin.tuning.ultimate_gain import Ringing, Ultimate, border, find_ultim
 
 MODEL = Model()
 PID = Pid()
-LAB = load("lab", ["controller=pid"])
+LAB = load("lab_simple", ["controller=pid"])
 
 
 def test_the_rules_are_ziegler_and_nichols():

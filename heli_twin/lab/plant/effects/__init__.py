@@ -28,6 +28,8 @@ class Physics:
         """(4,) input that acts on servos and rotors: that of the receiver, as the effects have changed it."""
         self.thrust = 1.0
         """Thrust as a fraction of what the throttle gives without effects; set to 1 before every update."""
+        self.stands = False
+        """True if the flight begins with rotors at rest instead of the trim."""
         self.battery: Battery | None = None
         self.loose_geom = -1
         """Number of a geom that is not a part of the helicopter although it moves; -1 if there is none."""

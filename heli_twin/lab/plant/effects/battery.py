@@ -63,8 +63,11 @@ class BatteryInFlight:
     def discharge(self, physics: Physics) -> None:
         """Draw the current of the coming period."""
         spec = self._spec
-        # At the start, the thrust of the trim that all effects together need.
-        thrust = max(float(physics.data.act[2]), 0.0) * self._factor if self._factor else float(physics.trim[2])
+        if self._factor:
+            thrust = max(float(physics.data.act[2]), 0.0) * self._factor
+        else:
+            # At the start, the thrust of the trim that all effects together need.
+            thrust = 0.0 if physics.stands else float(physics.trim[2])
         current = spec.idle_current + spec.hover_current * (thrust / self._hover) ** 1.5
         voltage = max(open_voltage(self._charge) - spec.resistance * current, 0.0)
         self._cut = self._cut or voltage <= spec.cut_off

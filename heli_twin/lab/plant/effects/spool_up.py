@@ -24,5 +24,5 @@ class SpoolUp:
     def start(self, physics: Physics) -> Updates:
         """Stop the rotors of a helicopter that stands."""
         if physics.data.qpos[2] < self.height:
-            physics.trim[2] = 0.0
+            physics.stands = True
         return Updates()

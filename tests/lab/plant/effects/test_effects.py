@@ -311,7 +311,7 @@ def test_rotors_turn_within_their_limits():
 
 def test_without_effects_nothing_changes():
     """The twin as it was: the same canonical text, hence the same digests."""
-    assert "effects" not in canonical_json(load("lab", ["plant.kind=mujoco"]))
+    assert "effects" not in canonical_json(load("ideal", ["plant.kind=mujoco"]))
     assert replace(NOMINAL, effects=()) == NOMINAL
 
 
@@ -411,3 +411,12 @@ def test_on_the_floor_the_rotors_stand_until_the_first_command():
     # 58 ms after the delay of 2 ms, with a lag of 60 ms.
     assert trim_of(plant)[2] == pytest.approx(HOVER[2] * (1 - np.exp(-58 / 60)), rel=1e-9)
     assert trim_of(twin(SpoolUp(), x=at(1.0)))[2] == HOVER[2]
+
+
+def test_rotors_that_start_on_the_floor_have_balanced_torques_in_hover():
+    plant = twin(SpoolUp(), ThrustYawCoupling(), x=at(0.045))
+    lifting = HOVER * 1.05
+    plant.advance(3 * SECOND, lifting, STILL_AIR)
+    assert plant.truth().position[2] > 1.0
+    # 5 % more thrust than in hover: lever 0.05 m g over the yaw damping.
+    assert plant.truth().yaw_rate == pytest.approx(0.0008 * 0.05 * NOMINAL.mass * GRAVITY / 1.35e-4, rel=1e-3)
