@@ -1,8 +1,8 @@
 """The experiment: an immutable value with everything that determines a flight, and nothing else.
 
 The helicopter is described twice: `plant` is the real one, `controller.model` is what the ground station believes. A
-model mismatch is a difference between the two. The defaults are the lab with everything realistic: its helicopter is `LAB_PLANT`,
-while the class of the plant has the defaults of one without plant effects.
+model mismatch is a difference between the two. The defaults are the lab with everything realistic:
+its helicopter is `LAB_PLANT`, while the class of the plant has the defaults of one without plant effects.
 """
 
 from dataclasses import dataclass, field

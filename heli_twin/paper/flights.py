@@ -32,8 +32,8 @@ LATE = ("mocap.latency=0.04", "estimator.roll_forward=false")
 LAB = "lab_simple"
 """Preset of the lab that the paper is judged in."""
 WHY_THIS_LAB = (
-    "The flights of the testbed are judged in the lab lab_simple, not in lab: its helicopter has the parameters (27) that"
-    " the paper identified. The plant effects of lab are estimates, and the paper says nothing of them; hub drag alone"
+    "The flights of the testbed are judged in the lab lab_simple, not in lab: its helicopter has the parameters (27)"
+    " that the paper identified. The plant effects of lab are estimates, and the paper says nothing of them; hub drag alone"
     " gives a helicopter whose identification does not return (27). In both labs the strength of the gust is fitted to"
     " the hover of Fig. 4."
 )
