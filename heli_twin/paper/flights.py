@@ -33,9 +33,9 @@ LAB = "lab_simple"
 """Preset of the lab that the paper is judged in."""
 WHY_THIS_LAB = (
     "The flights of the testbed are judged in the lab lab_simple, not in lab: its helicopter has the parameters (27)"
-    " that the paper identified. The plant effects of lab are estimates, and the paper says nothing of them; hub drag alone"
-    " gives a helicopter whose identification does not return (27). In both labs the strength of the gust is fitted to"
-    " the hover of Fig. 4."
+    " that the paper identified. The plant effects of lab are estimates, and the paper says nothing of them; hub drag"
+    " alone gives a helicopter whose identification does not return (27). In both labs the strength of the gust is"
+    " fitted to the hover of Fig. 4."
 )
 THRUST_DEFICITS = (0.05, 0.10)
 """Shares by which the thrust gain falls short of what the controllers believe."""

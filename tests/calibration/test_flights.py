@@ -9,7 +9,7 @@ from heli_twin.experiment.text import load
 from heli_twin.mission import fly
 
 
-@pytest.mark.parametrize("lab", ["lab_simple", "lab_realistic"])
+@pytest.mark.parametrize("lab", ["lab_simple", "lab"])
 @pytest.mark.parametrize("flight", ["calibrate_plane", "calibrate_height_yaw"])
 def test_a_calibration_flight_stays_in_the_room(flight: str, lab: str):
     planned, there = load(flight), load(lab)

@@ -295,5 +295,5 @@ def test_the_twin_takes_off_and_lands(law, preset):
     assert result.outcome.kind == ("landed" if preset == "lab" else "completed"), result.outcome.text
     height = result.log.truth.position[:, 2]
     assert height.max() > 0.7
-    # It stands on its skids, which give way by a millimetre; without a supervisor it may float a gust's lift above them.
+    # It stands on its skids, which give way by a millimetre; unsupervised, it may float a gust's lift above them.
     assert height[-1] == pytest.approx(flight.floor, abs=0.001 if preset == "lab" else 0.03)

@@ -102,7 +102,7 @@ def test_a_name_that_a_log_cannot_hold_is_refused(name: str, text: str) -> None:
 
 
 def test_a_fault_hooks_the_estimate_the_acting_command_and_the_battery() -> None:
-    realistic = load("lab_realistic", ["duration=2", "trajectory=hover"])
+    realistic = load("lab", ["duration=2", "trajectory=hover"])
     plain, faulty = (fly(replace(realistic, faults=faults), log_dir=None).log for faults in ((), (Everywhere(),)))
     assert faulty.estimate.x[0, 2] == plain.estimate.x[0, 2] + 0.01
     assert faulty.battery.voltage[0] == plain.battery.voltage[0] - 1.0
