@@ -138,8 +138,9 @@ def program_at(marks: Marks) -> Program:
         raise ValueError('command is empty: name the program that is the law, as in controller.command=["./pid"]')
     if marks not in _named:
         raise ValueError(
-            f"command = {' '.join(marks)[:150]!r} is a program of its user's own, and no program is run because a log"
-            ' or a store says so: name it again, as in --with ./pid or --with \'["python3", "law.py"]\''
+            f"command = {' '.join(marks)[:120]!r} says what a program is and not where, since no program is run because"
+            ' a log or a store says so: name it, as in controller.command=["./pid"], or --with ./pid where a log or a'
+            " store is read"
         )
     program = _named[marks]
     for file in program.files:

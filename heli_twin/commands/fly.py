@@ -21,12 +21,14 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "Fly one experiment, print what happened and leave an MCAP log that any viewer opens.\n"
         "`heli-twin show` lists every field that can be changed.\n"
         "Exit code: 0 completed or landed, 1 ended early or no log could be kept, 2 a mistake in what was asked for,\n"
-        "3 invalid: the process of an external control law died, hung or sent nonsense.",
+        "3 invalid: the program of an external control law died, sent nonsense or did not answer within 10 s, which the\n"
+        "environment variable HELI_TWIN_EXTERNAL_LIMIT changes.",
         "  heli-twin fly\n"
         "  heli-twin fly trajectory=hover seed=3\n"
         "  heli-twin fly plant.mass=0.031 controller.horizon=12\n"
         "  heli-twin fly ideal mocap.latency=0.04 estimator.roll_forward=false\n"
         "  heli-twin fly mine.toml --rerun flight.rrd\n"
+        "  heli-twin fly controller=external controller.command=./pid\n"
         "  heli-twin fly --no-log --json | jq .max_abs_error",
     )
     add_experiment(parser)

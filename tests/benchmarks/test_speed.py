@@ -4,6 +4,7 @@ Run it on an idle machine; `--benchmark-json FILE` keeps every round. The peer o
 the same problems, so that their ratio holds on a noisy machine too.
 """
 
+import subprocess
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,6 +14,8 @@ from scipy import sparse
 from threadpoolctl import threadpool_limits
 
 from controllers.condensed_qp import CondensedQp
+from controllers.laws import closed_after
+from controllers.laws.external import External
 from controllers.laws.ltv_mpc import LtvMpc
 from controllers.proxqp import ProxQp
 from controllers.reference import ReferencePreview
@@ -127,3 +130,38 @@ def test_whole_flight(benchmark, preset, tmp_path):
     experiment: Experiment = load(preset)
     result = benchmark.pedantic(fly, args=(experiment,), kwargs={"log_dir": tmp_path}, rounds=5, warmup_rounds=1)
     benchmark.extra_info["real_time_factor"] = result.real_time_factor
+
+
+@pytest.mark.parametrize("steps", [1, 19])
+def test_control_step_of_another_process(benchmark, steps, tmp_path):
+    """What asking a program costs: one in C that reads every number and answers with a hover at once."""
+    (tmp_path / "hover.c").write_text(HOVER_C)
+    subprocess.run(["cc", "-O2", "hover.c", "-o", "hover"], cwd=tmp_path, check=True)
+    law = External(command=(str(tmp_path / "hover"),), steps=steps)
+    preview = ReferencePreview(Circle(), law.model, PERIOD, 0)
+    given = [(k * PERIOD, preview(k * PERIOD, steps)) for k in range(STEPS)]
+    upcoming = iter(given * 20)
+    with closed_after(law.start()) as controller:
+
+        def step() -> None:
+            now, reference = next(upcoming)
+            controller.step(now, Estimate(now, reference.x[0], np.zeros(4), np.zeros((4, 3)), now, 0), reference)
+
+        benchmark.pedantic(step, rounds=5000, warmup_rounds=100)
+    benchmark.extra_info["p99_ms"] = 1e3 * np.percentile(benchmark.stats.stats.data, 99)
+
+
+HOVER_C = r"""
+#include <stdio.h>
+int main(void) {
+    double now, number;
+    int steps, i;
+    scanf("heli_twin 1 %lf %d 8 4 0", &number, &steps);
+    for (i = 0; i < 12; i++) scanf("%lf", &number);
+    for (printf("heli_twin 1\n"), fflush(stdout); scanf("%lf", &now) == 1; fflush(stdout)) {
+        for (i = 1; i < 36 + 12 * steps; i++) scanf("%lf", &number);
+        printf("%.0f 0 0 0.545 0\n", now);
+    }
+    return 0;
+}
+"""

@@ -12,10 +12,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from controllers import programs
+from controllers.laws import closed_after
 from controllers.laws.external import LIMIT_VARIABLE, External
+from controllers.signals import Estimate, Reference
 from heli_twin import Experiment, HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.conformance import CHECKS
@@ -185,7 +188,7 @@ def test_what_cannot_be_executed_is_told(here: Path) -> None:
         ('["python3", "--config=/etc/x"]', "a path has to name a file, whose content is logged in its place"),
         ('["."]', "controller.command[0] = '.': there is no such program"),
         ('["./"]', "controller.command[0] = './': there is no such file"),
-        ("pid@0123456789abcdef", "is a program of its user's own, and no program is run because a log"),
+        ("pid@0123456789abcdef", "says what a program is and not where, since no program is run"),
         ("3", "controller.command = 3: it must be"),
     ],
 )
@@ -244,7 +247,7 @@ def test_nothing_is_run_because_a_log_says_so(here: Path, capsys: pytest.Capture
     forget()
     for command in ("refly", "resolve"):
         assert main([command, str(run)]) == 2
-        assert "name it again, as in --with ./pid" in capsys.readouterr().err
+        assert "--with ./pid where a log or a store is read" in capsys.readouterr().err
     assert main(["reestimate", str(run)]) == 0
     assert main(["info", str(run)]) == 0
     with_it = ["--with", '["python3", "pid.py"]']
@@ -338,7 +341,7 @@ def begun(folder: Path) -> int:
     return int((folder / "pid").read_text())
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
 def test_no_process_outlives_a_flight(here: Path, number: int, code: int) -> None:
     (here / "law.py").write_text(STUBBORN)
     words = [*SHORT, 'controller.command=["python3", "law.py"]', "--log-dir", "logs"]
@@ -365,3 +368,54 @@ def test_a_process_that_goes_on_after_the_flight_is_ended(here: Path) -> None:
 
 def test_a_talkative_standard_error_blocks_nothing(here: Path) -> None:
     assert flown(*script(here, f"sys.stderr.write('x' * 1_000_000); {FLIES}")).outcome.kind == "completed"
+
+
+WITNESS = f"""
+import sys
+lines = open("lines", "w")
+lines.write(sys.stdin.readline())
+print("heli_twin 1", flush=True)
+for line in sys.stdin:
+    lines.write(line)
+    lines.flush()
+    now = line.split()[0]
+    {FLIES}
+"""
+
+
+def test_every_number_that_it_is_sent_is_the_logged_one(here: Path) -> None:
+    (here / "law.py").write_text(WITNESS)
+    log = flown("python3", "law.py", changes=("trajectory=circle", "controller.steps=3")).log
+    hello, *lines = (here / "lines").read_text().splitlines()
+    assert hello.split()[:7] == ["heli_twin", "1", "0.02", "3", "8", "4", "0"]
+    model = External().model
+    assert [float(word) for word in hello.split()[7:]] == [*model.u_min, *model.u_max, *model.u_hover]
+    sent = np.array([[float(word) for word in line.split()] for line in lines])
+    estimate = log.estimate
+    assert sent.shape == (len(estimate.time), 28 + 4 * 8 + 3 * 4)
+    believed = [estimate.time, estimate.stamp, *estimate.x.T, *estimate.disturbance.T]
+    believed += [*estimate.variance.reshape(len(sent), -1).T, estimate.pose_stamp, estimate.rejected]
+    assert np.array_equal(sent[:, :28], np.array(believed).T)
+    # What is ahead now is the beginning three periods later.
+    assert np.array_equal(sent[:-3, 28 + 3 * 8 : 28 + 4 * 8], sent[3:, 28 : 28 + 8])
+    assert np.array_equal(sent[:-2, 60 + 2 * 4 :], sent[2:, 60 : 60 + 4])
+
+
+def test_further_states_of_an_estimator_are_at_the_end(here: Path) -> None:
+    (here / "law.py").write_text(WITNESS)
+    law = External(command=("python3", "law.py"))
+    reference = Reference(0, np.ones((2, 8)), np.zeros((1, 4)))
+    numbers = np.zeros(8), np.zeros(4), np.zeros((4, 3)), -1, 0, np.array([0.1, 0.2]), np.array([3.0, 4.0])
+    with closed_after(law.start()) as controller:
+        controller.step(20_000_000, Estimate(0, *numbers), reference)
+        hello, line = (here / "lines").read_text().splitlines()
+    assert hello.split()[6] == "2"
+    assert line.split()[48:] == ["0.1", "0.2", "3.0", "4.0"]
+
+
+def test_without_a_finite_estimate_it_is_not_asked(here: Path) -> None:
+    law = External(command=tuple(script(here, greeting="sys.exit()")))
+    lost = Estimate(0, np.full(8, np.nan), np.zeros(4), np.zeros((4, 3)), -1, 0)
+    with closed_after(law.start()) as controller:
+        command = controller.step(0, lost, Reference(0, np.ones((2, 8)), np.zeros((1, 4))))
+    assert command.u.tolist() == list(law.model.u_hover)
