@@ -21,8 +21,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "Fly one experiment, print what happened and leave an MCAP log that any viewer opens.\n"
         "`heli-twin show` lists every field that can be changed.\n"
         "Exit code: 0 completed or landed, 1 ended early or no log could be kept, 2 a mistake in what was asked for,\n"
-        "3 invalid: the program of an external control law died, sent nonsense or did not answer within 10 s, which the\n"
-        "environment variable HELI_TWIN_EXTERNAL_LIMIT changes.",
+        "3 invalid: the program of an external control law died, sent nonsense or did not answer within 10 s;\n"
+        "the environment variable HELI_TWIN_EXTERNAL_LIMIT gives another limit, s.",
         "  heli-twin fly\n"
         "  heli-twin fly trajectory=hover seed=3\n"
         "  heli-twin fly plant.mass=0.031 controller.horizon=12\n"
