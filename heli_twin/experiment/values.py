@@ -82,7 +82,7 @@ def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
         checked = info.adapter.validate_json(json.dumps(value, default=str), strict=True)
     except ValidationError as errors:
         error = errors.errors()[0]
-        where = path + "".join(f"[{i}]" for i in error["loc"])
+        where = path + "".join(f"[{i}]" for i in error["loc"] if isinstance(i, int))
         message = error["msg"][:1].lower() + error["msg"][1:]
         if error["type"] == "literal_error":
             options = [str(option) for option in get_args(info.type)]

@@ -168,7 +168,9 @@ def _files(changes: Tree) -> dict[str, Path]:
 def _part(path: Path, part: str) -> tuple[Tree, list[Tree]]:
     """A part of an experiment in a file, and the record of its tuning if it has one."""
     text = _text(path)
-    table = _parsed(path, text).get(part)
+    table: Any = _parsed(path, text)
+    for key in part.split("."):
+        table = table.get(key) if isinstance(table, dict) else None
     if not isinstance(table, dict):
         raise StudyError(f"{path} has no table [{part}]")
     record = _parsed(path, uncommented(text))

@@ -41,7 +41,11 @@ def worst_runs(folder: Path, number: int = 10) -> list[WorstRun]:
 def command_of(folder: Path, run_id: str) -> str:
     """The command that replays a run's log, or flies it again if no log was kept."""
     log = folder / "logs" / f"{run_id}.mcap"
-    return pasteable("heli-twin", "replay", log) if log.exists() else fly_command(experiment_by_id(folder, run_id))
+    if log.exists():
+        return pasteable("heli-twin", "replay", log)
+    experiment = experiment_by_id(folder, run_id)
+    # An airframe's text fits into no command.
+    return pasteable("heli-twin", "study", "fly", folder, run_id) if "\\n" in experiment else fly_command(experiment)
 
 
 def experiment_by_id(folder: Path, start: str) -> str:

@@ -1,5 +1,6 @@
 """A helicopter of a user's own: an MJCF that keeps the contract in `heli_twin.lab.plant.contract`."""
 
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from math import asin, atan2
@@ -71,6 +72,8 @@ class Airframe:
                 object.__setattr__(self, "model", read_model(self.model))
             except OSError as error:
                 raise ValueError(f"model: cannot read {clean(str(self.model), 200)}: {error.strerror}") from None
+            except ValueError as error:
+                raise ValueError(f"model: {error}") from None
         elif self.model:
             try:
                 object.__setattr__(self, "model", normal_form(self.model))
@@ -111,8 +114,7 @@ class Airframe:
         model = self._edited(visuals=False).compile()
         data = engine().MjData(model)
         engine().mj_resetDataKeyframe(model, data, model.key("hover").id)
-        fuselage = model.body("fuselage").id
-        mass = float(model.body_subtreemass[fuselage])
+        mass = float(model.body_subtreemass[model.body_rootid[model.body("fuselage").id]])
         parts = Parts(model, data, motion_of(model, data), hover_trim(model), mass, self._mjcf)
         try:
             return Twin(parts, self, x)
@@ -209,7 +211,9 @@ def _check_contract(text: str) -> None:
     try:
         model = _parsed(text).compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ValueError(f"is no model that MuJoCo compiles: {clean(' '.join(str(error).split()), 200)}") from None
+        # The line is one of the normal form, not of the user's file.
+        told = re.sub(r", line \d+", "", " ".join(str(error).split()))
+        raise ValueError(f"is no model that MuJoCo compiles: {clean(told, 200)}") from None
     lacks = [*violations(mujoco, model)]
     if lacks:
         more = len(lacks) - TOLD_VIOLATIONS

@@ -15,13 +15,14 @@ the geom `floor`, else one is added; wind acts by the engine's medium (`option v
 body `air` of `models/mcx2.xml`. Effects act on `fuselage`, and need the sites and actuators that they name.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from controllers.signals import Array
 from heli_twin.lab.plant.motion import FreeJoint, Gimbal, Motion, Moving
+from heli_twin.terminal_text import clean
 
 STICKS = ("u_x", "u_y", "u_z", "u_yaw")
 GIMBAL = {
@@ -37,6 +38,8 @@ MAX_BODIES, MAX_GEOMS, MAX_DEGREES = 100, 500, 100
 TRIAL_S = 0.5
 """Duration of a trial flight."""
 TRIAL_STICK = 0.1
+FAR_M = 1000.0
+"""Height beyond which a trial diverges."""
 HOVER_M_S, HOVER_RAD_S = 0.1, 0.3
 """Greatest speeds after a trial in hover: a thrust that is off by 2 %."""
 
@@ -81,7 +84,7 @@ def _number(model: Any, actuator: str) -> int | None:
 def _lacks(mujoco: Any, model: Any) -> Iterator[str]:
     bodies = [model.body(i).name for i in range(model.nbody)]
     if "fuselage" not in bodies:
-        yield "the body fuselage is missing"
+        yield f"the body fuselage is missing{_there_are(bodies[1:])}"
     elif not _hangs_right(mujoco, model, bodies.index("fuselage")):
         yield (
             "fuselage has no free joint, nor the joints x, y, z, yaw, pitch, roll of models/mcx2.xml, as the first of"
@@ -90,13 +93,14 @@ def _lacks(mujoco: Any, model: Any) -> Iterator[str]:
     names = [model.actuator(i).name for i in range(model.nu)]
     absent = [stick for stick in STICKS if stick not in names]
     if absent:
-        yield f"the actuator {', '.join(absent)} is missing"
+        yield f"the actuator {', '.join(absent)} is missing{_there_are(names)}"
     elif tuple(names[:4]) != STICKS:
         yield f"the first four actuators are {', '.join(names[:4])}, not {', '.join(STICKS)}"
     else:
         yield from _wrong_sticks(mujoco, model)
-    if "hover" not in [model.key(i).name for i in range(model.nkey)]:
-        yield "the key frame hover is missing"
+    keys = [model.key(i).name for i in range(model.nkey)]
+    if "hover" not in keys:
+        yield f"the key frame hover is missing{_there_are(keys)}"
 
 
 def _hangs_right(mujoco: Any, model: Any, fuselage: int) -> bool:
@@ -132,8 +136,8 @@ def _flies_wrong(mujoco: Any, model: Any) -> Iterator[str]:
         return
     still = _trial(mujoco, model, hover)
     speed, turn = float(np.linalg.norm(still.velocity)), float(np.linalg.norm(still.angular_velocity))
+    # A model that diverges may fly: that is the outcome of its flight.
     if not np.isfinite([speed, turn]).all():
-        # It diverges: that is the outcome of its flight.
         return
     if speed > HOVER_M_S or turn > HOVER_RAD_S:
         yield (
@@ -148,7 +152,7 @@ def _flies_wrong(mujoco: Any, model: Any) -> Iterator[str]:
         u[i] += step
         moved = _trial(mujoco, model, u)
         change = ((*moved.velocity.tolist(), moved.yaw_rate)[i] - before[i]) / step
-        if change < 1e-6:
+        if np.isfinite(moved.position).all() and abs(moved.position[2]) < FAR_M and change < 1e-6:
             does = "does nothing" if change > -1e-6 else "acts the other way"
             yield f"a positive {name} has to move it {where}, and {does}"
 
@@ -163,6 +167,11 @@ def _trial(mujoco: Any, model: Any, u: Array) -> Moving:
     motion.place(np.array([0.0, 0.0, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     mujoco.mj_step(model, data, max(1, round(TRIAL_S / model.opt.timestep)))
     return motion.now()
+
+
+def _there_are(names: Sequence[str]) -> str:
+    named = [name for name in names if name]
+    return f" (there are {clean(', '.join(named), 60)})" if named else ""
 
 
 def _told(u: Array) -> str:

@@ -1,0 +1,375 @@
+"""A helicopter of a user's own: an MJCF that keeps the contract flies here, any other is refused in one sentence."""
+
+import json
+from dataclasses import replace
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controllers.model import GRAVITY, Model
+from heli_twin import Experiment, HeliTwinError, fly, load, read_log
+from heli_twin.cli import main
+from heli_twin.experiment.tree import canonical_json, from_json, toml_of
+from heli_twin.lab.plant import STILL_AIR, Air, physical_state
+from heli_twin.lab.plant.airframe import Airframe
+from heli_twin.lab.plant.mjcf_text import MAX_MESH_BYTES, MAX_TEXT_BYTES
+from heli_twin.lab.plant.mujoco import MuJoCo, model_file
+
+FOLDER = Path(__file__).parent / "airframes"
+QUADROTOR = FOLDER / "quadrotor.xml"
+TEXT = QUADROTOR.read_text()
+# Torque, thrust, mass and inertia of the file: sin(tilt) = 0.0049 / (0.32 * 0.05) at full stick.
+B_X, B_Z, B_YAW = GRAVITY * 0.0049 / 0.016, 1.2 / 0.060, 0.0021 / 7e-5
+BELIEVED = Model(b_x=B_X, k_x=-0.2, b_y=B_X, k_y=-0.2, b_z=B_Z, b_yaw=B_YAW, k_yaw=-5.9)
+UP = np.array([0.2, -0.1, 50.0, 0.6, 0.0, 0.0, 0.0, 0.0])
+SECOND = 1_000_000_000
+
+
+def changed(*pairs: tuple[str, str]) -> str:
+    """The quadrotor with pieces of its text replaced."""
+    text = TEXT
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def held(u, seconds, spec=None, x=UP, air=STILL_AIR):
+    """The truth after holding the trim plus `u`."""
+    spec = spec or Airframe(model=TEXT)
+    plant = spec.start(x)
+    plant.advance(round(seconds * SECOND), plant.truth().actuators + u, air)
+    return plant.truth()
+
+
+# --- it flies -------------------------------------------------------------------------------------------------------
+
+
+def test_hover_is_an_equilibrium():
+    np.testing.assert_allclose(physical_state(held(0.0, 5.0)), UP, atol=1e-9)
+
+
+def test_it_starts_in_the_state_it_is_given_with_whole_turns():
+    x = np.array([0.3, -0.2, 1.0, 15.5, 0.5, -0.4, 0.1, 1.5])
+    np.testing.assert_allclose(physical_state(Airframe(model=TEXT).start(x).truth()), x, atol=1e-12)
+
+
+def test_the_heading_is_counted_over_full_turns():
+    """5 rad/s for 4 s in one piece are more than three turns."""
+    turned = held([0, 0, 0, 1.0], 4.0)
+    pieces = Airframe(model=TEXT).start(UP)
+    for t in range(1, 401):
+        pieces.advance(t * SECOND // 100, np.array([0, 0, 0.4905, 1.0]), STILL_AIR)
+    assert turned.yaw > 6 * np.pi
+    assert turned.yaw == pieces.truth().yaw
+
+
+def test_yaw_rate_is_the_derivative_of_yaw_in_a_tilt():
+    plant = Airframe(model=TEXT).start(UP)
+    plant.advance(SECOND, np.array([0.8, -0.6, 0.49, 0.3]), STILL_AIR)
+    before = plant.truth()
+    plant.advance(SECOND + 1_000_000, np.array([0.8, -0.6, 0.49, 0.3]), STILL_AIR)
+    after = plant.truth()
+    # Half a step of a rate that changes by some rad/s^2.
+    assert (after.yaw - before.yaw) / 1e-3 == pytest.approx(after.yaw_rate, abs=5e-3)
+
+
+@pytest.mark.parametrize(("stick", "expected"), [(0, B_X), (1, B_X), (2, B_Z), (3, B_YAW)])
+def test_the_sticks_act_as_the_file_says(stick, expected):
+    """Once the lags are over: the acceleration per stick of the paper's model, less the drag."""
+    u = 0.02 * np.eye(4)[stick]
+    times = (0.8, 1.2) if stick < 3 else (0.3, 0.35)
+    first, last = (held(u, t, x=np.array([0, 0, 50.0, 0, 0, 0, 0, 0])) for t in times)
+    rates = [(*truth.velocity, truth.yaw_rate)[stick] for truth in (first, last)]
+    drag = 0.2 if stick < 3 else 5.8
+    found = (rates[1] - rates[0]) / (times[1] - times[0]) / 0.02 + drag * sum(rates) / 2 / 0.02
+    # Attitude 20 rad/s with a damping ratio of 0.7 has settled to 1 % after 0.4 s, lags of 20 and 40 ms long before.
+    assert found == pytest.approx(expected, rel=0.05)
+
+
+def test_wind_blows_through_the_engines_medium_and_a_push_is_an_acceleration():
+    blown = held(0.0, 1.0, air=Air(np.array([2.0, 0, 0]), np.zeros(3)))
+    pushed = held(0.0, 1.0, air=Air(np.zeros(3), np.array([0, 0.3, 0])))
+    assert blown.velocity[0] == pytest.approx(2.0 * (1 - np.exp(-0.2)), rel=0.1)
+    assert pushed.velocity[1] == pytest.approx(0.3, rel=0.1)
+
+
+def test_a_failed_gyro_damps_no_yaw():
+    plant = Airframe(model=TEXT).start(UP)
+    plant.gyro_works = False
+    plant.advance(2 * SECOND, np.array([0, 0, 0.4905, 0.1]), STILL_AIR)
+    # With the gyro it would be b_yaw u / 5.7; what is left of b_yaw u t is the medium's.
+    assert plant.truth().yaw_rate > 5.0 * B_YAW * 0.1 / 5.7
+
+
+def test_it_stands_on_its_feet_and_another_body_that_lies_there_is_not_it():
+    ball = '<body name="ball" pos="0.5 0 0.0199"><freejoint/><geom size="0.02" mass="0.01" contype="1"/></body>'
+    spec = Airframe(model=changed(("</worldbody>", f"{ball}</worldbody>")))
+    assert not held(0.0, 0.2, spec).touching
+    assert held([0, 0, -0.4905, 0], 1.0, spec, np.array([0, 0, 0.03, 0, 0, 0, 0, 0.0])).touching
+
+
+def test_a_model_that_diverges_is_an_outcome(tmp_path, capsys):
+    wild = tmp_path / "wild.xml"
+    wild.write_text(changed(('biasprm="0 0 -0.0011"', 'biasprm="0 0 -50"'), ("implicitfast", "Euler")))
+    assert main(["fly", f"plant.model={wild}", "duration=2", "--no-log", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["outcome"] == "diverged"
+
+
+@pytest.mark.parametrize("law", ["ltv_mpc", "pid"])
+def test_a_quadrotor_flies_the_circle_on_what_is_believed_of_it(law):
+    known = load("lab_simple", [f"plant.model={QUADROTOR}", f"controller={law}", "duration=6"])
+    believed = replace(known, controller=replace(known.controller, model=BELIEVED))
+    right, wrong = (fly(e, log_dir=None).summary() for e in (believed, known))
+    assert right["outcome"] == "completed"
+    assert right["rmse"]["z"] < 0.02
+    if law == "ltv_mpc":
+        assert all(right["rmse"][axis] < 0.5 * wrong["rmse"][axis] for axis in ("x", "y", "z", "yaw"))
+
+
+# --- the mCX2 as a user's own ---------------------------------------------------------------------------------------
+
+
+def mcx2(p: MuJoCo) -> str:
+    """models/mcx2.xml with every digit of the parameters."""
+    stiffness = p.inertia_yy * p.attitude_frequency**2
+    damping, force = 2.0 * p.attitude_damping * sqrt(stiffness), stiffness / 0.041
+    text = model_file().read_text()
+    for old, new in (
+        ('mass="0.028"', f'mass="{p.mass - 1e-12!r}"'),
+        ('"1.5584e-3"', f'"{stiffness * p.pitch_gain!r}"'),
+        ('"1.63633e-3"', f'"{stiffness * p.roll_gain!r}"'),
+        ('"5.46e-4"', f'"{damping * sqrt(p.inertia_yy)!r}"'),
+        ('"4.6264e-4"', f'"{damping * sqrt(p.inertia_xx)!r}"'),
+        ('"0.186439"', f'"{force!r}"'),
+        ('"-0.186439"', f'"{-force!r}"'),
+        ("0 0 0.545 0 0", f"0 0 {p.trim[2]!r} 0 0"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def test_the_mcx2_as_a_users_own_flies_the_same_flight_to_the_last_digit():
+    ours = load("lab_simple", ["duration=3"])
+    theirs = replace(ours, plant=Airframe(model=mcx2(MuJoCo())))
+    a, b = (fly(e, log_dir=None).log for e in (ours, theirs))
+    for topic in ("/truth", "/mocap/pose", "/command/sent", "/mpc/plan"):
+        assert a.messages[topic].data == b.messages[topic].data, topic
+
+
+def test_the_file_of_the_mcx2_flies_the_same_flight_within_its_digits():
+    """It has five digits, in which its trim is wrong by 1e-6 of its weight."""
+    ours = fly(load("lab_simple", ["duration=3"]), log_dir=None).log
+    theirs = fly(load("lab_simple", ["duration=3", f"plant.model={model_file()}"]), log_dir=None).log
+    np.testing.assert_allclose(theirs.truth.position, ours.truth.position, atol=1e-4)
+
+
+def test_effects_act_on_the_mcx2_of_a_user_as_on_ours():
+    effects = ["plant.effects.hub_drag=on", "plant.effects.battery=on", "plant.effects.ground_effect=on"]
+    ours = load("lab_simple", ["duration=2", *effects])
+    theirs = replace(ours, plant=Airframe(model=mcx2(MuJoCo()), effects=ours.plant.effects))
+    a, b = (fly(e, log_dir=None).log for e in (ours, theirs))
+    assert a.messages["/truth"].data == b.messages["/truth"].data
+    assert a.messages["/battery"].data == b.messages["/battery"].data
+
+
+def test_an_effect_names_what_it_needs():
+    for effect, needs in (("hub_drag", "site 'mast'"), ("payload", "joint 'air_x'"), ("stabiliser_bar", "site 'mast'")):
+        with pytest.raises(HeliTwinError, match=rf"effects\.{effect} needs the {needs}"):
+            fly(load("lab", [f"plant.model={QUADROTOR}", f"plant.effects.{effect}=on"]), log_dir=None)
+
+
+# --- its text is a part of the experiment ---------------------------------------------------------------------------
+
+
+def test_every_way_to_give_it_is_the_same_experiment(tmp_path):
+    (tmp_path / "mine.toml").write_text('[plant]\nmodel = "./quad.xml"\ninput_delay = 0.002\n')
+    (tmp_path / "quad.xml").write_text(TEXT)
+    ways = [
+        load("lab", [f"plant.model={QUADROTOR}"]),
+        load("lab", ["plant.input_delay=0.002", f"plant.model={QUADROTOR}", "plant.kind=airframe"]),
+        load("ideal", [f"plant.model={QUADROTOR}"]),
+        load(str(tmp_path / "mine.toml")),
+        Experiment(plant=Airframe(model=TEXT)),
+        Experiment(plant=Airframe(model=QUADROTOR)),
+    ]
+    assert len({e.plant for e in ways}) == 1
+
+
+def test_comments_and_pictures_change_no_experiment_and_a_number_does():
+    same = changed(("<worldbody>", '<visual><global azimuth="10"/></visual><!-- a note -->   <worldbody>'))
+    assert Airframe(model=same) == Airframe(model=TEXT)
+    assert Airframe(model=changed(('mass="0.060"', 'mass="0.061"'))) != Airframe(model=TEXT)
+
+
+def test_what_show_prints_is_the_same_experiment(tmp_path):
+    strange = changed(('model="test quadrotor"', 'model="&quot;&quot;&quot; \\ \u202e \U0001f681"'))
+    for text in (TEXT, strange):
+        experiment = Experiment(plant=Airframe(model=text))
+        (tmp_path / "shown.toml").write_text(toml_of(experiment), encoding="utf-8")
+        assert load(str(tmp_path / "shown.toml")) == experiment
+        assert from_json(canonical_json(experiment)) == experiment
+
+
+def test_a_log_needs_no_file(tmp_path, capsys, monkeypatch):
+    mine = tmp_path / "secret folder" / "quad.xml"
+    mine.parent.mkdir()
+    mine.write_text(TEXT)
+    assert main(["fly", f"plant.model={mine}", "duration=1", "--log-dir", str(tmp_path)]) == 0
+    mine.unlink()
+    (run,) = tmp_path.glob("*.mcap")
+    assert b"secret folder" not in run.read_bytes()
+    capsys.readouterr()
+    assert main(["refly", str(run)]) == 0
+    assert "identical" in capsys.readouterr().out
+    assert main(["info", str(run)]) == 0
+    assert 'plant.model=<mujoco model="test quadrotor"> #' in capsys.readouterr().out
+    assert main(["replay", str(run), "--save", str(tmp_path / "x.rrd")]) == 0
+    log = read_log(run)
+    assert "plant.xml" in log.attachments
+
+
+def test_a_path_in_a_log_is_not_followed(tmp_path):
+    tree = json.loads(canonical_json(load("lab", [f"plant.model={QUADROTOR}"])))
+    for value in (str(QUADROTOR), "./quadrotor.xml", "/etc/passwd"):
+        tree["plant"]["model"] = value
+        with pytest.raises(HeliTwinError, match=r"plant\.model is no MJCF: give the name of a file"):
+            from_json(json.dumps(tree))
+
+
+def test_it_is_drawn_from_its_geoms():
+    log = fly(load("lab", [f"plant.model={QUADROTOR}", "duration=0.1"]), log_dir=None).log
+    (urdf,) = log.messages["/robot_description"].data
+    # 1 deck, 4 propellers and, of 6 capsules, a cylinder each; 1 nose and 12 ends of capsules; the tail as a box.
+    assert [urdf.count(f"<{kind} ".encode()) for kind in ("box", "cylinder", "sphere")] == [2, 10, 13]
+    assert b"mCX2" not in urdf
+    shape = Airframe(model=TEXT).shape()
+    prop = next(part for part in shape if part.colour == 0x33BFF28C and part.centre[0] > 0 and part.centre[1] > 0)
+    assert (prop.kind, prop.size, prop.centre) == ("cylinder", (0.032, 0.002), pytest.approx((0.05, 0.05, 0.01)))
+    foot = next(part for part in shape if part.kind == "cylinder" and part.size[0] == pytest.approx(0.003))
+    assert foot.centre == pytest.approx((0.05, 0.05, -0.01))
+
+
+# --- meshes ---------------------------------------------------------------------------------------------------------
+
+TETRAHEDRON = "v 0 0 0\nv 0.02 0 0\nv 0 0.02 0\nv 0 0 0.02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+WITH_MESH = (
+    ("<asset>", '<asset><mesh name="hull" file="hull.obj"/><texture name="t" file="x.png" type="2d"/>'),
+    ('<geom name="nose" type="sphere" size="0.007"', '<geom name="nose" type="mesh" mesh="hull"'),
+    ('angle="radian"', 'angle="radian" meshdir="meshes"'),
+)
+
+
+def test_mesh_files_become_a_part_of_the_text(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "hull.obj").write_text(TETRAHEDRON)
+    (tmp_path / "quad.xml").write_text(changed(*WITH_MESH))
+    experiment = load("lab", [f"plant.model={tmp_path / 'quad.xml'}", "duration=0.5"])
+    (tmp_path / "meshes" / "hull.obj").unlink()
+    again = from_json(canonical_json(experiment))
+    assert fly(again, log_dir=None).outcome.kind == "completed"
+    nose = next(part for part in again.plant.shape() if part.kind == "box" and part.size[0] < 0.03)
+    assert nose.size == pytest.approx((0.02, 0.02, 0.02), abs=0.015)
+
+
+def test_mesh_files_are_bounded(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "hull.obj").write_text(TETRAHEDRON + "#" * MAX_MESH_BYTES)
+    (tmp_path / "quad.xml").write_text(changed(*WITH_MESH))
+    with pytest.raises(HeliTwinError, match=r"hull\.obj has more than 1,048,576 bytes"):
+        load("lab", [f"plant.model={tmp_path / 'quad.xml'}"])
+
+
+def test_a_link_out_of_the_folder_is_not_followed(tmp_path):
+    (tmp_path / "mine" / "meshes").mkdir(parents=True)
+    (tmp_path / "hull.obj").write_text(TETRAHEDRON)
+    (tmp_path / "mine" / "meshes" / "hull.obj").symlink_to(tmp_path / "hull.obj")
+    (tmp_path / "mine" / "quad.xml").write_text(changed(*WITH_MESH))
+    with pytest.raises(HeliTwinError, match="a link out of the folder"):
+        load("lab", [f"plant.model={tmp_path / 'mine' / 'quad.xml'}"])
+
+
+# --- what is refused ------------------------------------------------------------------------------------------------
+
+MESH = '<asset><mesh name="m" file="{}"/>'
+REFUSALS = {
+    "empty": ("", "is no MJCF"),
+    "another root": ("<robot/>", "its root is <robot>"),
+    "not closed": ("<mujoco>", "is not XML"),
+    "entities": ('<!DOCTYPE m [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><mujoco model="&b;"/>', "a document type"),
+    "too deep": ("<mujoco>" + "<body>" * 5000 + "</body>" * 5000 + "</mujoco>", "deeper than 40"),
+    "too many": ("<mujoco>" + "<body/>" * 6000 + "</mujoco>", "more than 5000 elements"),
+    "too large": ("<mujoco>" + " " * MAX_TEXT_BYTES + "</mujoco>", "more than 262,144 bytes"),
+    "include": (("<worldbody>", '<include file="/etc/passwd"/><worldbody>'), "<include>: put its text"),
+    "plugin": (("<worldbody>", '<extension><plugin plugin="a"/></extension><worldbody>'), "loads no code"),
+    "replicate": (('<site name="world"/>', '<replicate count="1000000"><body/></replicate>'), "<replicate>"),
+    "composite": (('<site name="world"/>', '<composite count="1000 1000 1000"/>'), "<composite>"),
+    "height field": (("<asset>", '<asset><hfield name="h" nrow="100000" ncol="100000"/>'), "<hfield>"),
+    "sphere of 4^10": (("<asset>", '<asset><mesh name="h" builtin="sphere" params="10"/>'), "<mesh builtin"),
+    "iterations": (("<option ", '<option iterations="1000000000" '), "at most 200"),
+    "absolute path": (("<asset>", MESH.format("/etc/passwd.stl")), "in the folder of the MJCF"),
+    "parent": (("<asset>", MESH.format("a/../../x.stl")), "in the folder of the MJCF"),
+    "URL": (("<asset>", MESH.format("https://example.org/x.stl")), "in the folder of the MJCF"),
+    "another file": (("<asset>", MESH.format("id_rsa")), "ends in .stl, .obj or .msh"),
+    "no such mesh": (("<asset>", MESH.format("a.stl")), "a.stl: there is no such file"),
+    "file of a geom": (('<geom name="deck" ', '<geom name="deck" file="x" '), "reads mesh files and nothing else"),
+    "delay": (('name="u_x" ', 'name="u_x" delay="0.01" nsample="10" '), "plant.input_delay"),
+    "long step": (('timestep="0.001"', 'timestep="0.1"'), "a timestep of 0.1 s"),
+    "no step": (('timestep="0.001"', 'timestep="nan"'), "a timestep of nan s"),
+    "no body": (('name="fuselage"', 'name="drone"'), "the body fuselage is missing (there are drone)"),
+    "no joint": (("<freejoint/>", ""), "no free joint"),
+    "ball joint": (("<freejoint/>", '<joint type="ball"/>'), "no free joint"),
+    "no mass": (('mass="0.060"', 'mass="0"'), "mass and inertia of moving bodies"),
+    "no stick": (('name="u_yaw"', 'name="yaw"'), "the actuator u_yaw is missing (there are u_x"),
+    "stick range": (('ctrlrange="0 1"', 'ctrlrange="0 2"'), "the ctrlrange of u_z is not 0 1"),
+    "order": (("<actuator>", '<actuator><general name="a" site="cog"/>'), "the first four actuators are a, u_x"),
+    "dynamics": (('name="u_x" ', 'name="u_x" dyntype="integrator" '), "the dyntype of u_x"),
+    "no key frame": (('name="hover"', 'name="start"'), "the key frame hover is missing (there are start)"),
+    "no hover": (("0 0 0.4905", "0 0 0.3"), "it moves at 1.8 m/s"),
+    "beyond": (("0 0 0.4905", "0 0 1.4905"), "beyond the ctrlrange"),
+    "wrong way": (('gear="0 0 0 -1 0 0"', 'gear="0 0 0 1 0 0"'), "u_y has to move it to port, and acts the other way"),
+    "no effect": (('gear="0 0 0 0 1 0" gain', 'gear="0 0 0 0 0 0" gain'), "u_x has to move it forwards, and does"),
+    "syntax": (("<freejoint/>", '<freejoint flavour="sweet"/>'), "unrecognized attribute: 'flavour'"),
+    "bodies": (("</worldbody>", "<body/>" * 101 + "</worldbody>"), "bodies, at most 100"),
+    "escape": (("<asset>", MESH.format("&#x9b;31m.stl")), r"\x9b31m.stl"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_it_is_refused_in_one_sentence(name, tmp_path, capsys):
+    change, told = REFUSALS[name]
+    file = tmp_path / "my_heli.xml"
+    file.write_text(change if isinstance(change, str) else changed(change))
+    assert main(["fly", f"plant.model={file}", "--log-dir", str(tmp_path / "logs")]) == 2
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert error.startswith("heli-twin: plant.model: ")
+    assert told in error
+    assert error.count("\n") == 1
+    assert error.rstrip("\n").isprintable()
+    assert len(error) < 500
+    assert not (tmp_path / "logs").exists()
+
+
+def test_a_user_of_python_and_a_log_are_told_the_same(tmp_path):
+    for change, told in (REFUSALS["include"], REFUSALS["iterations"], REFUSALS["URL"]):
+        with pytest.raises(ValueError, match=r"^model ") as refusal:
+            Airframe(model=changed(change))
+        assert told in str(refusal.value) or "mesh file" in str(refusal.value)
+    with pytest.raises(HeliTwinError, match=r"the flight cannot start: plant\.model does not keep the contract"):
+        fly(Experiment(plant=Airframe(model=changed(("<freejoint/>", "")))), log_dir=None)
+    for missing in (tmp_path / "none.xml", tmp_path):
+        with pytest.raises(ValueError, match=r"^model: .*cannot (be )?read"):
+            Airframe(model=missing)
+
+
+def test_what_costs_memory_is_left_out(tmp_path):
+    """Textures of 30 GB, an arena of 100 GB: neither changes a flight."""
+    big = changed(
+        ("<asset>", '<asset><texture name="t" type="2d" builtin="flat" width="100000" height="100000"/>'),
+        ("<worldbody>", '<size memory="100G" nuser_body="1000000000"/><worldbody>'),
+    )
+    assert Airframe(model=big) == Airframe(model=TEXT)
