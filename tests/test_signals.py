@@ -5,12 +5,16 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 from uuid import uuid4
 
+import numpy as np
 import pytest
+from readable import check_readable
 
 from heli_twin import fly, load, read_log
 from heli_twin.recording import recover
@@ -34,7 +38,13 @@ COMMANDS = {
     "tune": ["tune", "pid", "--save", "pid.toml"],
     "study": ["study", "run", "seeds", "--out", "study", "--workers", "2"],
     "paper": ["paper", "--out", "paper"],
+    "import": ["import", "poses.csv", "--map", "time=t,x=x,y=y,z=z,yaw=yaw", "--out", "imported.mcap"],
+    "recover": ["recover", "broken.mcap.part"],
 }
+GIVEN = ("run.mcap", "poses.csv", "broken.mcap.part")
+"""What the commands read."""
+LATEST_S = 4.0
+"""Kills come at any time up to this, or up to the end of a command that takes less."""
 IN_CI = [
     ("fly", signal.SIGINT),
     ("fly", signal.SIGTERM),
@@ -54,9 +64,22 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def given(log: Path) -> Path:
+    """A folder with a log, a recording of poses and a log without its end."""
+    whole = log.read_bytes()
+    (log.parent / "broken.mcap.part").write_bytes(whole[: len(whole) * 2 // 3])
+    log.replace(log.with_name("run.mcap"))
+    t = 0.01 * np.arange(30_000)
+    poses = np.column_stack([t, 0.3 * np.cos(0.8 * t), 0.3 * np.sin(0.8 * t), 1.0 + 0.0 * t, 0.8 * t])
+    np.savetxt(log.with_name("poses.csv"), poses, "%.5f", ",", header="t,x,y,z,yaw", comments="")
+    return log.parent
+
+
 @pytest.fixture
-def folder(log: Path, tmp_path: Path) -> Path:
-    (tmp_path / "run.mcap").symlink_to(log)
+def folder(given: Path, tmp_path: Path) -> Path:
+    for name in GIVEN:
+        (tmp_path / name).symlink_to(given / name)
     return tmp_path
 
 
@@ -92,7 +115,8 @@ def end(words: list[str], number: signal.Signals, delay_s: float, folder: Path, 
     try:
         while process.poll() is None and not (listens(process.pid) and any(folder.glob(begun))):
             time.sleep(0.005)
-        time.sleep(delay_s)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(delay_s)
         process.send_signal(number)
         asked = time.monotonic()
         code = process.wait(2 * DEADLINE_S)
@@ -112,15 +136,17 @@ def end(words: list[str], number: signal.Signals, delay_s: float, folder: Path, 
     return said
 
 
-def check_files(folder: Path) -> None:
-    """Every file is whole, or the beginning of a log that can be recovered."""
+def check_files(folder: Path, number: signal.Signals = signal.SIGTERM) -> None:
+    """Every file is whole, or the beginning of a log that can be recovered; SIGKILL leaves others as `.part` too."""
     for path in folder.rglob("*"):
+        if path.is_symlink():
+            continue
         if path.name.endswith(".mcap.part"):
             assert read_log(recover(path)).outcome == "interrupted"
-        elif path.suffix == ".mcap":
-            read_log(path)
+        elif path.suffix in (".part", ".recovered"):
+            assert number == signal.SIGKILL, path
         else:
-            assert path.suffix != ".part", path
+            check_readable(path)
 
 
 @pytest.mark.parametrize(("name", "number"), IN_CI, ids=[f"{name}-{number.name}" for name, number in IN_CI])
@@ -163,11 +189,16 @@ def test_a_snapshot_that_is_killed_takes_its_viewer_along(folder: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", COMMANDS)
 def test_many_kills_leave_nothing_behind(name: str, folder: Path) -> None:
-    random = Random(name)
-    for _ in range(KILLS):
-        number = random.choice([signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-        end(COMMANDS[name], number, random.uniform(0.0, 4.0), folder)
-        check_files(folder)
-        for path in folder.rglob("*"):
-            if path.is_file() and not path.is_symlink():
+    random, latest, ended = Random(name), LATEST_S, Counter[str]()
+    for kill in range(KILLS + 1):
+        number = random.choice([signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+        began = time.monotonic()
+        # The first one tells how long the command takes.
+        said = end(COMMANDS[name], number, random.uniform(0.0, latest) if kill else latest, folder)
+        latest = latest if kill else min(latest, time.monotonic() - began)
+        ended[number.name if said or number == signal.SIGKILL else "before"] += 1
+        check_files(folder, number)
+        for path in filter(Path.is_file, folder.rglob("*")):
+            if not path.is_symlink():
                 path.unlink()
+    print(f"{name}: {dict(ended)}, over {latest:.1f} s")
