@@ -304,6 +304,25 @@ def test_after_the_first_pose_the_motion_is_unknown():
     np.testing.assert_allclose(kalman.estimate(0).variance, expected, rtol=1e-12)
 
 
+def test_without_poses_an_unknown_motion_spreads_with_the_time():
+    """The variances are those at the time of the estimate: 100 ms after the pose, 140 ms with a command's delay."""
+    model = replace(MODEL, k_x=0.0, k_y=0.0, k_yaw=0.0)
+    for command_delay, t in ((0.0, 0.1), (0.04, 0.14)):
+        spec = Kalman(command_delay=command_delay)
+        kalman = spec.start(model)
+        kalman.receive(0, pose_of(AT_REST, 0))
+        # p + v t + d t^2 / 2 and v + d t, with 1 m/s, 3 rad/s, 0.3 m/s^2 and 3 rad/s^2 at first.
+        expected = [
+            [noise**2 + v * t**2 + d * t**4 / 4, v + d * t**2 + speed_walk**2 * t, d + walk**2 * t]
+            for noise, v, d, speed_walk, walk in [
+                (spec.position_noise, 1.0, 0.09, spec.velocity_walk, spec.disturbance_walk),
+                (spec.yaw_noise, 9.0, 9.0, spec.yaw_rate_walk, spec.yaw_disturbance_walk),
+            ]
+        ]
+        variance = kalman.estimate(100 * MS).variance
+        np.testing.assert_allclose(variance, [expected[0]] * 3 + [expected[1]], rtol=1e-9)
+
+
 def test_errors_are_as_large_as_the_filter_says():
     """A helicopter without drag that is pushed about exactly as the filter believes, 300 times."""
     spec = Kalman(command_delay=0.0, gate=1e9)

@@ -12,7 +12,7 @@ from controllers.laws.ltv_mpc import LtvMpc
 from controllers.ltv import Linearisation
 from controllers.model import Model, advance
 from controllers.proxqp import ProxQp
-from controllers.signals import Estimate, Reference
+from controllers.signals import Estimate, QpReport, Reference
 from controllers.trajectories.circle import Circle
 from controllers.trajectories.hover import Hover
 
@@ -244,7 +244,8 @@ def test_an_estimate_that_is_no_number_gives_a_safe_hover_and_nothing_else(lost)
         undisturbed.step(k, estimate(OFF), reference)
         controller.step(k, estimate(OFF), reference)
         command = controller.step(k, estimate(nothing), reference)
-        assert command.qp.status == "safe_hover"
+        # No problem was solved: no iteration, no active bound, no slack, no time.
+        assert command.qp == QpReport("safe_hover", 0, 0, 0.0, 0.0)
         np.testing.assert_array_equal(command.u, MODEL.u_hover)
     # Neither the integral nor the plan has taken it in.
     after = [c.step(3, estimate(OFF), reference).u for c in (controller, undisturbed)]

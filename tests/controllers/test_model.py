@@ -1,4 +1,5 @@
-from math import cos, exp, expm1, sin
+from fractions import Fraction
+from math import cos, exp, expm1, factorial, sin
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from controllers.ltv import Linearisation
-from controllers.model import GRAVITY, Model, advance, rates
+from controllers.model import GRAVITY, Model, _yaw_response, advance, rates
 
 PERIOD = 0.02
 X = (0.3, -0.2, 1.0, 0.7, 0.5, -0.4, 0.1, 1.5)
@@ -55,6 +56,17 @@ def test_advance_is_the_integral_of_the_rates(model, x, u, dt, push):
     np.testing.assert_allclose(np.take(end, [2, 3, 6, 7]), expected[[2, 3, 6, 7]], rtol=0, atol=1e-10)
     # Simpson's error of a push of 17 m/s^2 (full stick, drag, push) that turns by 0.6 rad: 17 dt 0.6^4 / 2880 = 1.5e-5.
     np.testing.assert_allclose(end, expected, rtol=0, atol=2e-5)
+
+
+@pytest.mark.parametrize("k", [-0.99e-3, -1.01e-3, -1e-4, -1e-9, 0.0])
+def test_slow_damping_of_the_yaw_keeps_its_digits(k):
+    """Where the closed form loses digits the series stand: r' = k r over 0.1 s, against exact fractions."""
+    t = Fraction(1, 10)
+    terms = [Fraction(k) ** n * t ** (n + 1) / factorial(n + 1) for n in range(12)]
+    gain = float(sum(terms))
+    turn = float(sum(t * term / (n + 2) for n, term in enumerate(terms)))
+    # The series leave out h^3 / 24 and h^3 / 60 of it, h = 1e-4 at most.
+    assert _yaw_response(k, 0.1) == pytest.approx((gain, turn), rel=5e-13 if k > -1e-3 else 1e-11)
 
 
 def test_the_error_shrinks_with_the_fourth_power_of_the_step():

@@ -9,6 +9,7 @@ from heli_twin.identification.fit import (
     AxisFit,
     IdentificationError,
     Parameter,
+    _delay_and_lag,
     _directions,
     check_answer,
     excited,
@@ -114,6 +115,35 @@ def test_a_saved_model_has_no_negative_damping():
     found = Identified({"x": fit(b=(2.0, 0.1), k=(0.04, 0.09))}, ("flight",), 10.0)
     assert found.as_toml().splitlines()[-2:] == ["b_x = 2  # 1.9 to 2.1", "k_x = 0  # -0.05 to 0.13"]
     assert found.as_json()["parameters"]["k_x"] == {"value": 0.04, "interval": pytest.approx([-0.05, 0.13])}
+
+
+def lagged(u):
+    """An `Equation.input` for a sum of sinusoids, amplitude by periods in 40 s, behind delay and lag."""
+    t = 0.1 * np.arange(400)
+
+    def acting(delay, lag):
+        waves = [(a, 2 * np.pi * n / 40.0) for n, a in u.items()]
+        parts = [a * np.sin(w * (t - delay + lag) - np.arctan(w * lag)) / np.hypot(1.0, w * lag) for a, w in waves]
+        return np.sum(parts, axis=0)
+
+    return acting
+
+
+def found_lag(accel, acting):
+    return _delay_and_lag([Equation(accel, acting, None, np.ones((400, 1)))], accel)
+
+
+@pytest.mark.parametrize(("delay", "lag"), [(0.113, 0.02), (0.127, 0.06), (0.2, 0.2)])
+def test_delay_and_lag_are_found_off_the_grid_of_the_search(delay, lag):
+    acting = lagged({11: 1.0, 26: 0.6, 46: 0.4})
+    # The last step is below 1e-6 s.
+    assert found_lag(2.0 * acting(delay, lag), acting) == pytest.approx((delay, lag), abs=1e-5)
+
+
+def test_what_acts_more_sharply_than_the_input_has_no_lag():
+    """It has more of the high frequency: a lag would have to be negative, is held at 0, and the delay is found."""
+    accel = lagged({11: 1.0, 46: 0.5})(0.113, 0.0)
+    assert found_lag(accel, lagged({11: 1.0, 46: 0.4})) == pytest.approx((0.113, 0.0), abs=1e-5)
 
 
 def test_a_delay_has_the_half_width_of_a_shifted_sine():

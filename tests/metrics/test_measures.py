@@ -128,6 +128,15 @@ def test_saturated_is_the_share_of_time_at_the_limits():
     assert measures(log_of(u=high))["saturated"] is None
 
 
+def test_an_input_a_millionth_inside_its_limit_is_at_it():
+    law = Pid()
+    low, high = np.array(law.model.u_min), np.array(law.model.u_max)
+    assert measures(log_of(u=low + 1e-6), law)["saturated"] == 1.0
+    assert measures(log_of(u=high - 1e-6), law)["saturated"] == 1.0
+    assert measures(log_of(u=high - 1.01e-6), law)["saturated"] == 0.0
+    assert measures(log_of(u=low + 1.01e-6), law)["saturated"] == 0.0
+
+
 def test_control_problems_and_late_steps_are_counted():
     recorder = Recorder()
     for k, status in enumerate(("solved", "softened", "solved", "safe_hover")):

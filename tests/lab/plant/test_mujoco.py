@@ -270,6 +270,14 @@ def test_an_input_acts_after_exactly_the_delay(step, steps):
     np.testing.assert_allclose(reached[steps:], noise[: len(noise) - steps], atol=1e-14)
 
 
+def test_the_attitude_may_move_two_radians_a_step_and_no_more():
+    """An undamped oscillator is stable up to there: at 2 it oscillates on, above it grows without limit."""
+    equal = {"inertia_xx": 1e-5, "inertia_yy": 1e-5, "inertia_zz": 2e-5, "step": 0.002}
+    assert MuJoCo(attitude_frequency=1000.0, **equal).step == 0.002
+    with pytest.raises(ValueError, match="is too fast for a step"):
+        MuJoCo(attitude_frequency=1000.0000001, **equal)
+
+
 def test_a_lag_is_first_order():
     truth = held([0.2, 0.2, 0.2, 0.2], 0.032)
     # 30 ms after the 2 ms of delay, at the new value in the sampled sense: exact for a held input.
