@@ -305,12 +305,15 @@ def test_after_the_first_pose_the_motion_is_unknown():
 
 
 def test_without_poses_an_unknown_motion_spreads_with_the_time():
-    """The variances are those at the time of the estimate: 100 ms after the pose, 140 ms with a command's delay."""
+    """The variances are those at the time of the estimate: 100 ms after the pose, 140 ms with a command's delay.
+
+    Without roll-forward it is as old as the pose was on its arrival.
+    """
     model = replace(MODEL, k_x=0.0, k_y=0.0, k_yaw=0.0)
-    for command_delay, t in ((0.0, 0.1), (0.04, 0.14)):
-        spec = Kalman(command_delay=command_delay)
+    for command_delay, roll_forward, t in ((0.0, True, 0.1), (0.04, True, 0.14), (0.04, False, 0.09)):
+        spec = Kalman(command_delay=command_delay, roll_forward=roll_forward)
         kalman = spec.start(model)
-        kalman.receive(0, pose_of(AT_REST, 0))
+        kalman.receive(10 * MS, pose_of(AT_REST, 0))
         # p + v t + d t^2 / 2 and v + d t, with 1 m/s, 3 rad/s, 0.3 m/s^2 and 3 rad/s^2 at first.
         expected = [
             [noise**2 + v * t**2 + d * t**4 / 4, v + d * t**2 + speed_walk**2 * t, d + walk**2 * t]
