@@ -3,7 +3,7 @@
 import sys
 import warnings
 from functools import cached_property
-from math import isfinite
+from math import isfinite, log2
 from time import perf_counter_ns
 from types import ModuleType
 from typing import NamedTuple
@@ -37,6 +37,13 @@ if BUILD != "plain":
     )
     warnings.warn(BUILD_TROUBLE, RuntimeWarning, stacklevel=2)
 
+SMALLEST_CURVATURE = 2.0
+"""A cost with a smaller curvature, such as one of small input weights, is scaled up to about this one, which is that of
+the paper's weights: the tolerances are on the gradient and the cost, and allow errors of the inputs in proportion to
+their inverse."""
+DUALITY_GAP = 10.0
+"""Largest difference between primal and dual cost of a solution, in tolerances. Without this test of complementarity
+ProxQP calls some problems solved whose inputs are wrong by a third of full stick."""
 ACTIVE_MULTIPLIER = 1e-9
 """Smallest multiplier of an active bound; ProxQP leaves rounding errors below it on inactive ones."""
 
@@ -55,7 +62,7 @@ class Solution(NamedTuple):
     objective: float
     """1/2 du'H du + g'du, and the penalty of the softening."""
     multipliers: Array
-    """Multipliers of all bounds: a view of the solver's memory, valid until its next solve."""
+    """Multipliers of all bounds, of the scaled cost: a view of the solver's memory, valid until its next solve."""
 
     @property
     def active_bounds(self) -> int:
@@ -67,8 +74,8 @@ class ProxQp:
     """Solves one condensed QP a control step: first with hard velocity bounds, then with softened ones.
 
     Every solve starts from the minimiser without inequalities, ProxQP's own default guess, and depends on nothing but
-    its QP. A warm start is worse: ProxQP does not test complementarity, so after a bound was relaxed it accepts the old
-    solution without an iteration (ProxSuite #168).
+    its QP. A warm start is worse: it takes twice the iterations, and after a bound was relaxed the old solution was
+    accepted without any (ProxSuite #168).
 
     An infeasible dense QP can take ProxQP minutes, and an almost infeasible one as long (ProxSuite #291): both attempts
     have a limit on their iterations.
@@ -98,13 +105,13 @@ class ProxQp:
         if not _out_of_reach(qp, self._m):
             hard = self._hard
             if hard.solve(qp):
-                return Solution(hard.x.copy(), False, 0.0, hard.iterations, hard.info.objValue, hard.z)
+                return Solution(hard.x.copy(), False, 0.0, hard.iterations, hard.objective, hard.z)
             iterations = hard.iterations
         soft = self._soft
         if not soft.solve(self._softened(qp)):
             return None
         iterations += soft.iterations
-        return Solution(soft.x[:n].copy(), True, float(soft.x[n:].max()), iterations, soft.info.objValue, soft.z)
+        return Solution(soft.x[:n].copy(), True, float(soft.x[n:].max()), iterations, soft.objective, soft.z)
 
     @cached_property
     def _soft(self) -> "_Solver":
@@ -152,18 +159,22 @@ class _Solver:
         self._qp = proxqp.dense.QP(len(sample.g), 0, len(sample.C), True)
         settings, results = self._qp.settings, self._qp.results
         # Views of what ProxQP overwrites in every solve.
-        self.x, self.z, self.info = results.x, results.z, results.info
+        self.x, self.z, self._info = results.x, results.z, results.info
         settings.eps_abs, settings.eps_rel = eps, 0.0
         settings.max_iter, settings.max_iter_in = max_iter, max_iter_in
+        settings.check_duality_gap, settings.eps_duality_gap_abs = True, DUALITY_GAP * eps
         settings.compute_timings = False
         settings.initial_guess = proxqp.EQUALITY_CONSTRAINED_INITIAL_GUESS
-        self._largest = eps / np.finfo(float).eps
-        self._qp.init(sample.H, sample.g, None, None, sample.C, *sample[3:])
+        self._scale = _scale(sample.H)
+        self._largest = eps / np.finfo(float).eps / self._scale
+        self._qp.init(self._scaled(sample.H), self._scaled(sample.g), None, None, sample.C, *sample[3:])
         # The matrices that ProxQP has read last; the same arrays again are not read again.
         self._H: Array = np.empty(0)
         self._C: Array = self._H
         self.iterations = 0
         """Newton iterations of the last call."""
+        self.objective = 0.0
+        """Cost of the last minimiser."""
 
     def solve(self, qp: CondensedQp) -> bool:
         """Solve; return True if it converged.
@@ -176,7 +187,19 @@ class _Solver:
         if (is_new and not qp.H.diagonal().max() < self._largest) or not np.abs(qp.g).max() < self._largest:
             return False
         self._H, self._C = qp.H, qp.C
-        self._qp.update(qp.H if is_new else None, qp.g, None, None, qp.C if is_new else None, *qp[3:])
+        H, C = (self._scaled(qp.H), qp.C) if is_new else (None, None)
+        self._qp.update(H, self._scaled(qp.g), None, None, C, *qp[3:])
         self._qp.solve()
-        self.iterations = self.info.iter
-        return self.info.status == proxqp.PROXQP_SOLVED and isfinite(self.info.objValue)
+        self.iterations, self.objective = self._info.iter, self._info.objValue / self._scale
+        return self._info.status == proxqp.PROXQP_SOLVED and isfinite(self.objective)
+
+    def _scaled(self, cost: Array) -> Array:
+        return cost if self._scale == 1.0 else self._scale * cost
+
+
+def _scale(H: Array) -> float:
+    """Return the power of two, 1 at least, that brings the smallest curvature nearest to `SMALLEST_CURVATURE`."""
+    curvatures = np.linalg.eigvalsh(H)
+    # One below the rounding of the greatest is not known.
+    least = max(curvatures[0], np.finfo(float).eps * curvatures[-1])
+    return 2.0 ** max(0, round(log2(SMALLEST_CURVATURE / least)))
