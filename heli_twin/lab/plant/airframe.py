@@ -246,7 +246,7 @@ def _shape(text: str) -> tuple[Primitive, ...]:
     shown = own & (model.geom_group < 3) if (own & (model.geom_group < 3)).any() else own
     parts: list[Primitive] = []
     turn, origin = data.xmat[fuselage].reshape(3, 3), data.xpos[fuselage]
-    for i in np.flatnonzero(shown):
+    for i in map(int, np.flatnonzero(shown)):
         R = turn.T @ data.geom_xmat[i].reshape(3, 3)
         centre = turn.T @ (data.geom_xpos[i] - origin)
         rgba = model.geom_rgba[i] if model.geom_matid[i] < 0 else model.mat_rgba[model.geom_matid[i]]
