@@ -197,7 +197,9 @@ def _own_origins(experiment: Experiment) -> dict[str, str]:
     return origins
 
 
-GROUPED_FIELDS = ("trajectory", "controller", "estimator", "plant", "disturbances", "faults")
+GROUPED_FIELDS = (
+    *("trajectory", "controller", "estimator", "supervisor", "excitation", "plant", "disturbances", "faults"),
+)
 """Parts of an experiment that may be of a class of a user's own."""
 
 

@@ -14,6 +14,7 @@ from heli_twin.conformance import CHECKS, verdicts
 from heli_twin.experiment.families import members
 from heli_twin.lab.faults import Hooks
 from heli_twin.lab.plant import Air
+from heli_twin.studies.designs.ladder import Ladder
 from tests.own.detailed import DerivativeLaw, Everywhere, Tilted, Whirl
 
 CASES = [
@@ -31,6 +32,12 @@ CASES = [
 )
 def test_our_members_keep_the_rules(family: str, kind: str, check: Any) -> None:
     check(members(family)[kind]())
+
+
+@pytest.mark.parametrize("check", CHECKS["heli_twin.studies.designs"], ids=lambda check: check.__name__)
+def test_a_ladder_with_rungs_keeps_the_rules(check: Any) -> None:
+    # Without rungs it refuses every study.
+    check(Ladder(rungs=({"name": "heavier", "plant.mass": 0.03}, {"name": "late", "radio.latency": 0.01})))
 
 
 @dataclass(frozen=True)

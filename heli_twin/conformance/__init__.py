@@ -22,8 +22,9 @@ from controllers.reference import ReferencePreview, check_feasible
 from controllers.signals import Array, Command, Estimate, Plan, Pose, Reference, nanoseconds
 from controllers.trajectories import SmoothTrajectory, fitted
 from controllers.trajectories.hover import Hover
-from heli_twin.conformance import faults, supervisors
+from heli_twin.conformance import designs, faults, supervisors
 from heli_twin.conformance.rules import NotConforming, close, names_its_further_states, require, same
+from heli_twin.experiment.families import needs_of_families
 from heli_twin.lab.disturbances import ALONE, PERIOD_NS, air_of
 from heli_twin.lab.plant import STILL_AIR, Air
 from heli_twin.lab.plant.ideal import Ideal
@@ -46,6 +47,10 @@ def verdicts(family: str, spec: Callable[[], Any]) -> Iterator[Verdict]:
         family: Package of the family; one without checks of its own gets those of every value.
         spec: Class of the member, or another function that makes it.
     """
+    if not family:
+        yield Verdict(
+            "It is a member of a family.", f"{spec.__name__} has the attributes of none: {needs_of_families()}"
+        )
     for check in CHECKS.get(family, (is_a_frozen_value,)):
         rule = (check.__doc__ or check.__name__).partition("\n")[0]
         try:
@@ -60,6 +65,12 @@ def verdicts(family: str, spec: Callable[[], Any]) -> Iterator[Verdict]:
 
 def is_a_frozen_value(member: Any) -> None:
     """It is a frozen dataclass whose first field is its kind, equal to another of the same fields, and hashable."""
+    is_frozen(member)
+    require(hash(type(member)()) == hash(type(member)()), f"two {type(member).__name__}() have other hashes")
+
+
+def is_frozen(member: Any) -> None:
+    """It is a frozen dataclass whose first field is its kind, equal to another of the same fields."""
     spec = type(member)
     require(is_dataclass(member), f"{spec.__name__} is no dataclass: write @dataclass(frozen=True)")
     require(fields(member)[0].name == "kind", f"the first field of {spec.__name__} has to be kind")
@@ -69,7 +80,7 @@ def is_a_frozen_value(member: Any) -> None:
         pass
     else:
         raise NotConforming(f"{spec.__name__} can be changed: write @dataclass(frozen=True)")
-    require(spec() == spec() and hash(spec()) == hash(spec()), f"two {spec.__name__}() are not equal")
+    require(spec() == spec(), f"two {spec.__name__}() are not equal")
     require(spec.__doc__, f"{spec.__name__} has no docstring: say in a sentence what it is")
 
 
@@ -408,6 +419,13 @@ CHECKS: dict[str, tuple[Check, ...]] = {
         faults.passes_on_what_the_wire_carries,
         faults.breaks_the_same_for_the_same_seed,
         faults.leaves_what_it_is_given_alone,
+    ),
+    "heli_twin.studies.designs": (
+        is_frozen,
+        designs.says_which_axes_it_can_use,
+        designs.flies_no_more_than_it_counts,
+        designs.asks_for_what_can_be_flown,
+        designs.asks_for_the_same_points_again,
     ),
 }
 """The checks of each family, by its package."""

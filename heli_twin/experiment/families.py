@@ -31,15 +31,18 @@ __all__ = ["GROUPS", "EachOf", "FamilyError", "Member", "OneOf", "all_members", 
 
 HELI_TWIN = "heli_twin"
 """The origin of our own members."""
+DESIGNS = "heli_twin.studies.designs"
+"""The family of the designs of studies, the only one that is no part of an experiment."""
 GROUPS = {
     "controllers.trajectories": "heli_twin.trajectories",
     "controllers.laws": "heli_twin.controllers",
     "controllers.estimators": "heli_twin.estimators",
     "controllers.excitations": "heli_twin.excitations",
+    "controllers.supervisors": "heli_twin.supervisors",
     "heli_twin.lab.plant": "heli_twin.plants",
     "heli_twin.lab.disturbances": "heli_twin.disturbances",
     "heli_twin.lab.faults": "heli_twin.faults",
-    "heli_twin.studies.designs": "heli_twin.designs",
+    DESIGNS: "heli_twin.designs",
 }
 """The group of entry points of each family that is open to other packages."""
 _FILE = re.compile(r"(?P<file>.+\.py)(:(?P<name>[A-Za-z_]\w*))?")
@@ -128,11 +131,6 @@ def is_reference(text: str) -> bool:
     return bool(_FILE.fullmatch(text) or _IMPORT.fullmatch(text))
 
 
-def is_file_reference(text: str) -> bool:
-    """Return whether a text names a member by its file."""
-    return bool(_FILE.fullmatch(text))
-
-
 def own_member(package: str, reference: str) -> str:
     """Load a member that is named by a file or an import path, for the rest of this process.
 
@@ -157,6 +155,11 @@ def own_member(package: str, reference: str) -> str:
     return kind
 
 
+def own_member_in(folder: Path, package: str, reference: str) -> str:
+    """Load a member like `own_member`; a file is named from a folder on."""
+    return own_member(package, str(folder / reference) if _FILE.fullmatch(reference) else reference)
+
+
 def origin_of(spec: type) -> str:
     """The file name, import path or package that a class comes from; never a path of this machine."""
     for family in _named.values():
@@ -173,7 +176,7 @@ def own_members(reference: str) -> None:
     Raises:
         FamilyError: It cannot be loaded, holds no member, or a kind belongs to another member.
     """
-    specs = specs_at(reference)
+    specs = [(package, spec) for package, spec in specs_at(reference) if package]
     if not specs:
         raise FamilyError(f"{reference} holds no member of a family: a frozen dataclass with a field kind")
     for package, spec in specs:
@@ -185,6 +188,8 @@ def own_sources() -> tuple[OwnSource, ...]:
     return tuple(
         OwnSource(package, _sent_reference(member), member.spec.__name__, _sources.get(member.spec.__module__, b""))
         for package, family in _named.items()
+        # Designs choose what to fly: they are needed by no worker.
+        if package != DESIGNS
         for member in family.values()
     )
 
@@ -209,14 +214,14 @@ def load_own_sources(sources: Sequence[OwnSource]) -> None:
 
 
 def specs_at(reference: str) -> list[tuple[str, type]]:
-    """The members that a file or an import path holds, each with the package of its family.
+    """The members that a file or an import path holds, each with the package of its family; of none, it is empty.
 
     Raises:
         FamilyError: It cannot be loaded, or there is no such class.
     """
     module, name = _module_at(reference)
     specs = _specs_in(module) if name is None else [_named_class(reference, module, name)]
-    return [(_family_of(spec), spec) for spec in specs]
+    return [(_nearest_family(spec), spec) for spec in specs]
 
 
 def _module_at(reference: str) -> tuple[ModuleType, str | None]:
@@ -231,17 +236,35 @@ def _module_at(reference: str) -> tuple[ModuleType, str | None]:
 
 
 def _family_of(spec: type) -> str:
-    """The family whose attributes a class has; one that only starts with a generator is a disturbance."""
-    fit = [package for package in _NEEDS if _fits(package, spec)]
-    if fit:
-        return max(fit, key=lambda package: len(_NEEDS[package]))
-    return "heli_twin.lab.disturbances" if hasattr(spec, "start") else "heli_twin.lab.faults"
+    """The family of a class: the one with the most attributes of which it has all; empty if there is none."""
+    names = {f.name for f in fields(spec)} | set(dir(spec))
+    fit = [package for package, needs in _NEEDS.items() if names.issuperset(needs)]
+    family = max(fit, key=lambda package: len(_NEEDS[package]), default="")
+    # Both only start: a disturbance with a generator, a supervisor with a model and a period.
+    start: Any = getattr(spec, "start", None)
+    if family == "heli_twin.lab.disturbances" and callable(start) and len(inspect.signature(start).parameters) == 3:
+        return "controllers.supervisors"
+    return family
+
+
+def needs_of_families() -> str:
+    """What a class of each family needs, for a person: `trajectories flat; laws period, steps, model, start; ...`."""
+    return "; ".join(f"{package.rpartition('.')[2]} {', '.join(needs)}" for package, needs in _NEEDS.items())
+
+
+def _nearest_family(spec: type) -> str:
+    """The family of a class or, if attributes are missing, that of which it has the most; empty if it has none."""
+    names = {f.name for f in fields(spec)} | set(dir(spec))
+    found = {package: len(names.intersection(needs)) - 0.5 * len(needs) for package, needs in _NEEDS.items()}
+    best = max(found, key=lambda package: found[package])
+    exact = _family_of(spec)
+    return best if found[best] > max(found.get(exact, 0.5), 0.5) or (not exact and found[best] >= 0.0) else exact
 
 
 def _chosen(package: str, reference: str, module: ModuleType, name: str | None) -> type:
     if name:
         return _named_class(reference, module, name)
-    candidates = [spec for spec in _specs_in(module) if _fits(package, spec)]
+    candidates = [spec for spec in _specs_in(module) if _family_of(spec) == package]
     if len(candidates) != 1:
         names = ", ".join(spec.__name__ for spec in candidates or _specs_in(module)) or "no dataclass with a kind"
         raise FamilyError(
@@ -264,16 +287,11 @@ _NEEDS = {
     "controllers.estimators": ("lead", "start"),
     "controllers.excitations": ("excited",),
     "heli_twin.lab.plant": ("step", "start"),
+    "heli_twin.lab.faults": ("hooks",),
+    "heli_twin.lab.disturbances": ("start",),
+    DESIGNS: ("adaptive", "check", "count", "batches"),
 }
-_MARKS = {name for needs in _NEEDS.values() for name in needs} - {"start"}
-
-
-def _fits(package: str, spec: type) -> bool:
-    """Return whether a class has the attributes of its family and none that mark another one."""
-    names = {f.name for f in fields(spec)} | set(dir(spec))
-    needs = _NEEDS.get(package)
-    return all(name in names for name in needs) if needs else not names & _MARKS
-
+"""The attributes that tell the family of a class."""
 
 _sources: dict[str, bytes] = {}
 """Of each module that was made from a user's file: its source."""

@@ -11,16 +11,15 @@ import reprlib
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import is_dataclass
-from functools import partial, reduce
+from functools import partial
 from importlib.resources import files
-from operator import getitem
 from pathlib import Path
 from typing import Any
 
 from controllers.markers import EachOf, FileContent, OneOf
 from controllers.programs import beside
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import is_file_reference, is_reference, members, own_member
+from heli_twin.experiment.families import is_reference, members, own_member_in
 from heli_twin.experiment.fields import FieldInfo, fields_of
 from heli_twin.experiment.own import OWN, require_own, with_commands, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
@@ -107,6 +106,47 @@ def with_content(path: str, value: Any, folder: Path) -> Any:
     return value if field is None else _content(folder / value, field, path)
 
 
+def with_members(path: str, value: Any, folder: Path) -> Any:
+    """Return a value with the kind of each class of a user's own that it names by a file or an import path.
+
+    The classes are loaded here, where the user names them, and nowhere else: code that a log or a store names is
+    loaded by nobody.
+
+    Args:
+        path: Dotted path of a field or a table; empty for a whole experiment.
+        value: The value, a table, or a list of values, as for an axis of a study.
+        folder: Where the files are.
+
+    Raises:
+        FamilyError: A class cannot be loaded, or its kind belongs to another member.
+    """
+    if isinstance(value, dict):
+        return {key: with_members(f"{path}.{key}".lstrip("."), inner, folder) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [with_members(path, inner, folder) for inner in value]
+    if not isinstance(value, str) or not is_reference(value) or not (family := _family_at(Experiment, path)):
+        return value
+    return own_member_in(folder, family, value)
+
+
+def _family_at(spec: type, path: str) -> str | None:
+    """Return the family of the member at a path, for any kinds of the members above it; None if there is none."""
+    key, _, rest = path.partition(".")
+    info = fields_of(spec).get(key)
+    if info is None or info.adapter is not None:
+        return None
+    if info.family is None:
+        return _family_at(info.type, rest)
+    if isinstance(info.family, EachOf):
+        name, _, rest = rest.partition(".")
+        if not name:
+            return None
+    if rest in ("", "kind"):
+        return info.family.package
+    found = (_family_at(kind, rest) for kind in members(info.family.package).values())
+    return next(filter(None, found), None)
+
+
 _CONTENT_FILE = re.compile(r"[^<>\n]+\.xml")
 
 
@@ -170,11 +210,6 @@ def _read(source: str) -> tuple[Tree, int]:
         raise ExperimentError(f"cannot read {cut(path, 200)}: it is not UTF-8 text") from None
     except _NOT_TOML as error:
         raise ExperimentError(f"{cut(path, 200)} is not valid TOML: {cut(error, 200)}") from None
-    for name, value in [*_leaves(tree)]:
-        if isinstance(value, str) and is_file_reference(value):
-            # A file of the user's own stands beside the TOML that names it.
-            table, _, key = name.rpartition(".")
-            reduce(getitem, filter(None, table.split(".")), tree)[key] = str(path.parent / value)
     version = tree.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
         raise ExperimentError(
@@ -182,7 +217,8 @@ def _read(source: str) -> tuple[Tree, int]:
             f" {PHYSICS_VERSION}; update it,"
             " or remove the line to read the file with today's defaults"
         )
-    return with_commands(with_content("", tree, path.parent), partial(beside, path.parent)), version
+    tree = with_content("", with_members("", tree, path.parent), path.parent)
+    return with_commands(tree, partial(beside, path.parent)), version
 
 
 _NOT_TOML = (ValueError, RecursionError)
@@ -234,7 +270,7 @@ def assignment(text: str, example: str = "path.to.field=value, such as plant.mas
 def _override(text: str) -> tuple[str, Any, int]:
     """Parse an override, also `part=FILE.toml`; return its path, value and the physics version it was written for."""
     path, value = assignment(text)
-    value = with_content(path, value, Path())
+    value = with_content(path, with_members(path, value, Path()), Path())
     if isinstance(value, str) and value.endswith(".toml"):
         return path, *_table_in(value, path)
     return path, value, PHYSICS_VERSION
@@ -285,8 +321,6 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
         case EachOf():
             _put_each(node[key], info.family, rest, value, path)
         case OneOf():
-            if (rest == ["kind"] or not rest) and isinstance(value, str) and is_reference(value):
-                value = own_member(info.family.package, value)
             kinds = members(info.family.package)
             if rest == ["kind"] or (not rest and isinstance(value, str)):
                 if not isinstance(value, str) or value not in kinds:
@@ -371,8 +405,6 @@ def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str
     if not keys:
         raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(kinds)}")
     name, *rest = keys
-    if (rest == ["kind"] or not rest) and isinstance(value, str) and is_reference(value):
-        value, kinds = own_member(family.package, value), members(family.package)
     kind = node[name]["kind"] if name in node else name
     if rest == ["kind"] or (not rest and isinstance(value, str) and value not in ("on", "off")):
         kind = kind_under(name, value, kinds, path.removesuffix(".kind"))

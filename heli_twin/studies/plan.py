@@ -22,7 +22,7 @@ from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plain import shortened
 from heli_twin.studies.space import Alternative, Space, value_at, varied
-from heli_twin.studies.study import Study
+from heli_twin.studies.study import Study, with_own_members
 
 MAX_AXES = 100
 HUGE_COUNT = 10**15
@@ -102,6 +102,7 @@ def plan_of(study: Study) -> StudyPlan:
             not fit, or far too many runs.
     """
     study = _with_named_programs(study)
+    study = with_own_members(study)
     if len(study.axes) > MAX_AXES:
         raise StudyError(f"this study has {len(study.axes):,} axes: at most {MAX_AXES}")
     base = _base(study)

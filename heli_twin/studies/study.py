@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -12,9 +12,9 @@ from annotated_types import Ge, Gt, Le, MinLen, doc
 
 from controllers.markers import OneOf
 from controllers.programs import beside
-from heli_twin.experiment.families import members
-from heli_twin.experiment.own import with_commands
-from heli_twin.experiment.text import assignment, with_content
+from heli_twin.experiment.families import DESIGNS, HELI_TWIN, all_members, is_reference, members, own_member_in
+from heli_twin.experiment.own import OWN, mark_of, with_commands
+from heli_twin.experiment.text import assignment, with_content, with_members
 from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
@@ -102,13 +102,34 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
     tree = _parsed(path, _text(path))
     tree.setdefault("name", path.stem)
     check_plain(tree)
-    _read_parts(tree)
-    _read_contents(tree, path.parent)
+    tree = _complete(tree, path.parent)
     for text in overrides:
         _override(tree, text)
-        _read_parts(tree)
-        _read_contents(tree, Path())
+        tree = _complete(tree, Path())
     return study_of(tree)
+
+
+def _complete(tree: Tree, folder: Path) -> Tree:
+    """Return a study's tables with what they name by files of a folder: parts, contents, classes of the user's own."""
+    _read_parts(tree)
+    _read_contents(tree, folder)
+    return _with_members(tree, folder)
+
+
+def _with_members(tree: Tree, folder: Path) -> Tree:
+    """Return a study's tables with the kinds of the classes that they name by files or import paths."""
+    tree = dict(tree)
+    for name in ("base", "axes"):
+        if isinstance(changes := tree.get(name), dict):
+            tree[name] = with_members("", changes, folder)
+    if isinstance(alternatives := tree.get("alternatives"), dict):
+        tree["alternatives"] = {name: with_members("", changes, folder) for name, changes in alternatives.items()}
+    design = tree.get("design")
+    kind = design.get("kind") if isinstance(design, dict) else design
+    if isinstance(kind, str) and is_reference(kind):
+        kind = own_member_in(folder, DESIGNS, kind)
+        tree["design"] = {**(design if isinstance(design, dict) else {}), "kind": kind}
+    return tree
 
 
 def _text(path: Path) -> str:
@@ -171,6 +192,7 @@ def _part(path: Path, part: str) -> tuple[Tree, list[Tree]]:
     table: Any = _parsed(path, text)
     for key in part.split("."):
         table = table.get(key) if isinstance(table, dict) else None
+    table = with_members(part, table, path.parent)
     if not isinstance(table, dict):
         raise StudyError(f"{path} has no table [{part}]")
     record = _parsed(path, uncommented(text))
@@ -178,18 +200,41 @@ def _part(path: Path, part: str) -> tuple[Tree, list[Tree]]:
 
 
 def study_of(tree: Tree) -> Study:
-    """A study from nested tables, as a TOML file holds them.
+    """A study from nested tables, as a TOML file holds them; files that they name are those of the current folder.
 
     Raises:
         ExperimentError: Names the field, its value and what it may be.
     """
     check_plain(tree)
+    return _study(_with_members(tree, Path()))
+
+
+def with_own_members(study: Study) -> Study:
+    """Return a study with the kinds of the classes that it names by files or import paths."""
+    tables = {"base": study.base, "axes": study.axes, "alternatives": study.alternatives}
+    return replace(study, **_with_members(tables, Path()))
+
+
+def stored_study(tree: Tree) -> Study:
+    """The study of a store, which is foreign: no file that it names is read, and a design of its user's own is a grid.
+
+    Raises:
+        ExperimentError: Names the field, its value and what it may be.
+    """
+    check_plain(tree)
+    design = tree.get("design")
+    if isinstance(design, dict) and OWN in design:
+        tree = {**tree, "design": {"kind": "grid"}}
+    return _study(tree)
+
+
+def _study(tree: Tree) -> Study:
     tree = dict(tree)
     design = tree.get("design")
     if isinstance(design, str):
         tree["design"] = {"kind": design}
     elif isinstance(design, dict) and "kind" not in design:
-        raise ExperimentError(f"design.kind is missing. Available: {', '.join(members('heli_twin.studies.designs'))}")
+        raise ExperimentError(f"design.kind is missing. Available: {', '.join(members(DESIGNS))}")
     study = spec_of(Study, tree)
     if any(not isinstance(record.get("controller"), dict) for record in study.tuning):
         raise StudyError("a record of [[tuning]] needs `controller`: the table that the tuning found")
@@ -201,8 +246,11 @@ def study_of(tree: Tree) -> Study:
 
 
 def study_tree(study: Study) -> Tree:
-    """A study as nested tables of plain values."""
-    return asdict(study)
+    """A study as nested tables of plain values; a design of the user's own is marked with the hash of its source."""
+    tree, design = asdict(study), type(study.design)
+    if not any(member.spec is design and member.origin == HELI_TWIN for member in all_members(DESIGNS).values()):
+        tree["design"][OWN] = mark_of(design)
+    return tree
 
 
 def _override(tree: Tree, text: str) -> None:

@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from heli_twin.experiment.differences import fly_command
-from heli_twin.experiment.tree import canonical_json, experiment_of
+from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import varied
 from heli_twin.studies.store import Store
-from heli_twin.studies.study import study_of
+from heli_twin.studies.study import stored_study
 from heli_twin.terminal_text import pasteable
 
 
@@ -26,7 +26,7 @@ class WorstRun(NamedTuple):
 def worst_runs(folder: Path, number: int = 10) -> list[WorstRun]:
     """The runs that failed, in the study's order, and then those that completed with the worst score."""
     with Store(folder) as store:
-        study = study_of(store.about()["study"])
+        study = stored_study(store.about()["study"])
         ids = [*store.failed(number), *(run_id for run_id, _ in store.worst(number))][:number]
         rows = {run_id: store.row(run_id) for run_id in ids}
     worst: list[WorstRun] = []
@@ -43,7 +43,11 @@ def command_of(folder: Path, run_id: str) -> str:
     log = folder / "logs" / f"{run_id}.mcap"
     if log.exists():
         return pasteable("heli-twin", "replay", log)
-    experiment = experiment_by_id(folder, run_id)
+    try:
+        experiment = experiment_by_id(folder, run_id)
+    except ExperimentError:
+        # A class of the user's own, which has to be named, and the store has no path of it.
+        return pasteable("heli-twin", "study", "fly", folder, run_id, "--with", "FILE.py")
     # An airframe's text fits into no command.
     return pasteable("heli-twin", "study", "fly", folder, run_id) if "\\n" in experiment else fly_command(experiment)
 

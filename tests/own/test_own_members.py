@@ -2,9 +2,11 @@
 
 import json
 import shutil
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from heli_twin import Experiment, HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.experiment import families
 from heli_twin.studies.campaign import run_study
+from heli_twin.studies.plan import plan_of
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import study_of
 
@@ -32,7 +35,7 @@ def nothing_named() -> Iterator[None]:
 @pytest.fixture
 def mine(tmp_path: Path) -> Path:
     """A folder of a user's own."""
-    for name in ("my_law.py", "helix.py"):
+    for name in ("my_law.py", "helix.py", "my_design.py"):
         shutil.copy(HERE / name, tmp_path / name)
     return tmp_path
 
@@ -94,7 +97,7 @@ def test_a_log_needs_the_class_to_fly_again_and_for_nothing_else(
     assert str(mine) not in json.dumps([read_log(run).experiment, dict(read_log(run).metadata)])
     kept = mine / "kept"
     kept.mkdir()
-    for name in ("my_law.py", "helix.py"):
+    for name in ("my_law.py", "helix.py", "my_design.py"):
         shutil.move(mine / name, kept / name)
     families._named.clear()
     capsys.readouterr()
@@ -132,6 +135,109 @@ def test_a_study_sweeps_it_on_workers(mine: Path) -> None:
     rows = rows_of(mine / "out")
     assert [row["outcome"] for row in rows] == ["completed"] * 3
     assert len({row["digest"] for row in rows}) == 3
+
+
+DESIGN = {"name": "star", "base": {"preset": "ideal", "duration": 0.5, "trajectory": "hover"}}
+STAR = """
+name = "star"
+design = "./my_design.py"
+replicates = 2
+[base]
+preset = "ideal"
+duration = 0.5
+controller = "./my_law.py"
+trajectory = "hover"
+[axes]
+"controller.gain" = { uniform = [0.5, 1.0] }
+"""
+
+
+def test_a_design_of_ones_own_chooses_the_flights(
+    mine: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The files stand beside the study, which is flown from elsewhere.
+    (mine / "star.toml").write_text(STAR)
+    elsewhere = mine / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    assert main(["study", "run", str(mine / "star.toml"), "design.points=2", "--out", "out", "--workers", "1"]) == 0
+    rows = rows_of(Path("out"))
+    assert [(row["controller.gain"], row["seed"]) for row in rows] == [
+        *((None, 0), (None, 1), (0.5, 0), (0.5, 1), (0.75, 0), (0.75, 1)),
+    ]
+    assert {row["outcome"] for row in rows} == {"completed"}
+    store = Path("out/results.sqlite").read_bytes()
+    # Neither a path of this machine nor the text of the class is kept.
+    assert str(mine).encode() not in store
+    assert b"Star, source" in store
+    # A report and the list of the worst need no class.
+    families._named.clear()
+    (mine / "my_design.py").unlink()
+    (mine / "my_law.py").unlink()
+    capsys.readouterr()
+    assert main(["study", "report", "out"]) == 0
+    assert main(["study", "worst", "out", "-n", "1"]) == 0
+    assert main(["study", "status", "out"]) == 0
+
+
+def test_three_ways_to_name_a_design_plan_the_same(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(mine))
+    axes = {"plant.model.b_x": [1.9, 2.1]}
+    plans = []
+    for design in (str(mine / "my_design.py"), "my_design:Star", {"kind": str(mine / "my_design.py:Star")}):
+        families._named.clear()
+        plan = plan_of(study_of({**DESIGN, "axes": axes, "design": design}))
+        plans.append([run.id for batch in plan.batches() for run in plan.runs(batch)])
+    from my_design import Star
+
+    plan = plan_of(replace(study_of({**DESIGN, "axes": axes}), design=Star()))
+    plans.append([run.id for batch in plan.batches() for run in plan.runs(batch)])
+    assert plans[0] == plans[1] == plans[2] == plans[3]
+    assert len(plans[0]) == 4
+    sys.modules.pop("my_design", None)
+
+
+def test_designs_are_sent_to_no_worker(mine: Path) -> None:
+    study_of({**DESIGN, "design": str(mine / "my_design.py")})
+    load("lab", [f"controller={mine / 'my_law.py'}"])
+    assert [source.class_name for source in families.own_sources()] == ["MyLaw"]
+
+
+def test_an_axis_lists_laws_of_ones_own_by_their_files(mine: Path) -> None:
+    law = str(mine / "my_law.py")
+    study = study_of({"base": {"duration": 0.5}, "axes": {"controller": ["pid", law], "plant.mass": [0.028]}})
+    assert [alternative.name for alternative in plan_of(study).space.alternatives] == ["pid", "my_law"]
+
+
+def test_code_that_a_store_names_is_loaded_by_nobody(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (mine / "evil.py").write_text("raise SystemExit('loaded')\n")
+    (mine / "star.toml").write_text(STAR)
+    assert main(["study", "run", str(mine / "star.toml"), "--out", str(mine / "out"), "--workers", "1"]) == 0
+    with sqlite3.connect(mine / "out" / "results.sqlite") as store:
+        runs = store.execute("select changes from settings limit 1").fetchall()
+        assert runs
+        store.execute("update settings set changes = ?", [json.dumps({"controller": str(mine / "evil.py")})])
+    capsys.readouterr()
+    run = rows_of(mine / "out")[0]["id"]
+    assert main(["study", "fly", str(mine / "out"), run]) == 2
+    assert "unknown controller" in capsys.readouterr().err
+
+
+def test_check_judges_a_design_and_what_is_no_member(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(mine / "my_design.py")]) == 0
+    assert "Star, a member of heli_twin.studies.designs" in capsys.readouterr().out
+    greedy = (mine / "my_design.py").read_text().replace("1 + self.points", "self.points")
+    (mine / "greedy.py").write_text(greedy)
+    assert main(["check", str(mine / "greedy.py")]) == 1
+    assert "and count() says" in capsys.readouterr().out
+    (mine / "half.py").write_text((mine / "my_law.py").read_text().replace("def steps", "def stairs"))
+    assert main(["check", str(mine / "half.py")]) == 1
+    assert "MyLaw, a member of controllers.laws" in capsys.readouterr().out
+    (mine / "nothing.py").write_text(
+        "from dataclasses import dataclass\n@dataclass(frozen=True)\nclass Thing:\n    kind: str = 'thing'\n"
+    )
+    assert main(["check", str(mine / "nothing.py")]) == 1
+    assert "Thing has the attributes of none" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(

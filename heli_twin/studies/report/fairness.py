@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from heli_twin.experiment.tree import experiment_of
+from heli_twin.experiment.tree import ExperimentError, experiment_of
 from heli_twin.reporting.figure import Table
 from heli_twin.studies.plan import alternatives_of
 from heli_twin.studies.report.results import Results
@@ -20,6 +20,9 @@ def fairness(results: Results) -> Iterator[Table]:
     """Yield the table of each alternative's controller and its tuning."""
     rows: list[list[str]] = []
     for name, changes in alternatives_of(results.study)[0]:
-        law = experiment_of(varied(results.about["base"], changes)).controller
-        rows.append([name, origin(law, results.study.tuning)])
+        try:
+            law = experiment_of(varied(results.about["base"], changes)).controller
+            rows.append([name, origin(law, results.study.tuning)])
+        except ExperimentError:
+            rows.append([name, "a class of the user's own, which this report was written without"])
     yield Table("Fairness", FAIRNESS_SENTENCE, ["", "controller, and where its gains come from"], rows)

@@ -14,7 +14,7 @@ from heli_twin.studies.columns import COMPLETED, INVALID
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.results import read_results
 from heli_twin.studies.store import Store
-from heli_twin.studies.study import Study, study_of
+from heli_twin.studies.study import Study, stored_study
 from heli_twin.terminal_text import pasteable
 
 PLACE_COLUMNS = ("id", "alternative", "point", "replicate", "seed")
@@ -111,7 +111,7 @@ def results_of(folder: Path) -> Results:
     """
     with Store(folder) as store:
         about = store.about()
-    study = study_of(about["study"])
+    study = stored_study(about["study"])
     fixed = (*PLACE_COLUMNS, *FLIGHT_COLUMNS, *DESIGN_COLUMNS, *SEARCH_COLUMNS, *TIMES)
     wanted = [*fixed, *study.axes, study.score, *study.metrics, *_criteria(study)]
     table = read_results(folder, list(dict.fromkeys(wanted)))
