@@ -98,7 +98,7 @@ class Condenser:
         Args:
             ltv: N steps of the linear model.
             w: The subsystem's weights in (26); with constant matrices, the weights must be constant too.
-            x_off: (N + 1, 10) nominal states minus reference states.
+            x_off: (N + 1, n) nominal states minus reference states.
             u_off: (N, 4) nominal inputs minus reference inputs.
         """
         subsystem, H = self._subsystem, self._H
@@ -138,10 +138,10 @@ def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:
     Solves the discrete algebraic Riccati equation by the structured doubling algorithm, quadratically convergent.
 
     Args:
-        A: (10, 10) discrete state matrix.
-        B: (10, 4) discrete input matrix.
-        Q: (10, 10) state weight.
-        R: (4, 4) input weight.
+        A: (n, n) discrete state matrix.
+        B: (n, m) discrete input matrix.
+        Q: (n, n) state weight.
+        R: (m, m) input weight.
 
     Raises:
         ValueError: There is no stabilising solution, or it overflows.
@@ -158,3 +158,9 @@ def riccati_terminal_weight(A: Array, B: Array, Q: Array, R: Array) -> Array:
             return 0.5 * (P_next + P_next.T)
         P = P_next
     raise ValueError("the Riccati equation has no stabilising solution")
+
+
+def sqrt_weight(P: Array) -> Array:
+    """Return the symmetric root (n, n) of a positive semidefinite weight (n, n)."""
+    values, vectors = np.linalg.eigh(P)
+    return vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T

@@ -21,11 +21,11 @@ class Ltv(NamedTuple):
     """x_{k+1} = x_nominal_{k+1} + A_k (x_k - x_nominal_k) + B_k (u_k - u_nominal_k), (21)."""
 
     A: Array
-    """(N, 10, 10) discrete state matrices."""
+    """(N, n, n) discrete state matrices; the paper's model has n = 10 states."""
     B: Array
-    """(N, 10, 4) discrete input matrices."""
+    """(N, n, 4) discrete input matrices."""
     x_nominal: Array
-    """(N + 1, 10) nominal states (12)."""
+    """(N + 1, n) nominal states (12)."""
     u_nominal: Array
     """(N, 4) nominal inputs (13)."""
 
@@ -34,18 +34,21 @@ class Subsystem:
     """Some states and inputs of the LTV model, which no other state or input acts on.
 
     Args:
-        states: Indices of the n states among the ten.
+        states: Indices of the n states among those of the model.
         inputs: Indices of the m inputs among the four.
         constant: True if the matrices are the same along every nominal trajectory.
+        of: Number of states of the model.
     """
 
-    def __init__(self, states: tuple[int, ...], inputs: tuple[int, ...], *, constant: bool = False) -> None:
+    def __init__(
+        self, states: tuple[int, ...], inputs: tuple[int, ...], *, constant: bool = False, of: int = N_STATES
+    ) -> None:
         self.states, self.inputs, self.constant = np.array(states), np.array(inputs), constant
         self.velocities = 4 + self.inputs
-        """(m,) indices, among the ten, of the states that the inputs drive: vx vy vz (m/s) or yaw rate (rad/s)."""
+        """(m,) indices, among those of the model, of the states that the inputs drive: vx vy vz (m/s) or yaw rate (rad/s)."""
         self.own_velocities = np.searchsorted(self.states, self.velocities)
         """(m,) indices of the same states among the subsystem's own."""
-        self._A = (N_STATES * self.states[:, None] + self.states).ravel()
+        self._A = (of * self.states[:, None] + self.states).ravel()
         self._B = (N_INPUTS * self.states[:, None] + self.inputs).ravel()
 
     def matrices(self, ltv: Ltv) -> Array:

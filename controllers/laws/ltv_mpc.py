@@ -1,19 +1,17 @@
 """The paper's controller: linear time-varying model predictive control, (10)-(26), solved by ProxQP."""
 
 from dataclasses import dataclass, field
-from math import isfinite, pi
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.condensed_qp import CondensedQp, Condenser, Limits, Weights, riccati_terminal_weight
-from controllers.laws import safe_hover
-from controllers.ltv import NO_PUSH, SUBSYSTEMS, Coupling, Discretisation, Linearisation, Ltv, Subsystem, shift
+from controllers.condensed_qp import CondensedQp, Weights, riccati_terminal_weight, sqrt_weight
+from controllers.ltv import NO_PUSH, SUBSYSTEMS, Coupling, Discretisation, Linearisation, Ltv
 from controllers.model import Model
-from controllers.proxqp import ProxQp, Solution
+from controllers.receding import RecedingHorizon, without_turns
 from controllers.rotations import rotate_to_body
-from controllers.signals import Array, Command, Estimate, Plan, QpReport, Reference
+from controllers.signals import Array, Estimate, Reference
 
 Weight = Annotated[float, Ge(0)]
 InputWeight = Annotated[float, Gt(0)]
@@ -72,69 +70,23 @@ class LtvMpc:
         return LtvMpcController(self)
 
 
-class LtvMpcController:
+class LtvMpcController(RecedingHorizon):
     """The LTV-MPC of one flight, with its last plan and its integral states."""
+
+    integral_states = 2
 
     def __init__(self, spec: LtvMpc) -> None:
         self._spec = spec
-        model = spec.model
-        self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max))
-        self._linearise = Linearisation(model, spec.k_i, spec.period, spec.coupling, spec.discretisation)
+        self._linearise = Linearisation(spec.model, spec.k_i, spec.period, spec.coupling, spec.discretisation)
         Q = np.diag(spec.Q)
         self._weights = Weights(np.sqrt(np.array(spec.Q)), np.array(spec.R), np.sqrt(Q))
         if spec.terminal == "riccati":
             self._weights = self._weights._replace(sqrt_Qf=_sqrt_riccati_weight(spec))
-        at_rest, u_hover = np.zeros((spec.steps + 1, len(Q))), np.tile(model.u_hover, (spec.steps, 1))
+        at_rest, u_hover = np.zeros((spec.steps + 1, len(Q))), np.tile(spec.model.u_hover, (spec.steps, 1))
         hover = self._linearise(at_rest[0], u_hover, at_rest[:, :2])
-        subsystems = SUBSYSTEMS[spec.coupling]
-        self._problems = [_Problem(part, self._limits, self._weights, hover) for part in subsystems]
-        self._solutions: list[Solution] = []
-        self._state_order = np.argsort(np.concatenate([part.states for part in subsystems]))
-        self._u_nominal: Array | None = None
-        self._planned: tuple[Ltv, Array] | None = None
+        super().__init__(spec, SUBSYSTEMS[spec.coupling], self._weights, hover)
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
         self._half_step = 0.5 * spec.k_i * spec.period
-        self._unsolved = 0
-
-    def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
-        """Solve (26) from the estimate and send the first input of the plan.
-
-        If the QP is infeasible or does not converge within its iterations, its velocity bounds are softened. If that
-        fails too, the last plan is continued, and after its end a level hover is commanded.
-        """
-        self._planned = None
-        if not all(map(isfinite, estimate.x.tolist())):
-            return safe_hover(self._spec.model, now)
-        ltv, qps = self.problem(estimate, reference)
-        solutions = [problem.solver(qp) for problem, qp in zip(self._problems, qps, strict=True)]
-        solve_ns = sum(problem.solver.solve_ns for problem in self._problems)
-        solved, u = [solution for solution in solutions if solution], ltv.u_nominal
-        if len(solved) == len(solutions):
-            self._unsolved, steps = 0, self._spec.steps
-            u = u + np.concatenate([solution.du.reshape(steps, -1) for solution in solved], axis=1)
-            # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
-            u = np.minimum(np.maximum(u, self._limits.u_min), self._limits.u_max)
-        else:
-            self._unsolved += 1
-            if self._unsolved > self._spec.steps:
-                return safe_hover(self._spec.model, now)._replace(solve_ns=solve_ns)
-            solved = []
-        self._u_nominal, self._planned, self._solutions = shift(u), (ltv, u), solved
-        return Command(now, u[0], solve_ns=solve_ns)
-
-    def explain(self, command: Command) -> Command:
-        """Add the states that the LTV model reaches under the planned inputs, and how the QPs were solved."""
-        if self._planned is None:
-            return command
-        ltv, u = self._planned
-        du = u - ltv.u_nominal
-        dx = [problem.condenser.response(du.take(problem.subsystem.inputs, axis=1)) for problem in self._problems]
-        x = ltv.x_nominal + np.concatenate(dx, axis=1).take(self._state_order, axis=1)
-        return command._replace(plan=Plan(x, u, ltv.u_nominal), qp=_report(self._solutions))
-
-    def linearise_along(self, u_nominal: Array) -> None:
-        """Use these nominal inputs (N, 4), for example of a log, in the next step instead of the shifted last plan."""
-        self._u_nominal = u_nominal
 
     def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
         """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
@@ -147,21 +99,16 @@ class LtvMpcController:
             cancelled = _CANCELLED[spec.offset_free] * estimate.disturbance
             ax, ay, az, a_yaw = cancelled.tolist()
             push, u_ref = (ax, ay, az, a_yaw), u_ref - _as_input(spec.model, cancelled, reference.x[:-1, 3])
-        u_nominal = self._u_nominal
-        if u_nominal is None:
-            u_nominal = np.clip(u_ref, self._limits.u_min, self._limits.u_max)
+        u_nominal = self.nominal(u_ref)
         ltv = self._linearise(np.concatenate([estimate.x, self._integral]), u_nominal, reference.x[:, :2], push)
         x_off, u_off = ltv.x_nominal.copy(), u_nominal - u_ref
         x_off[:, :8] -= reference.x
-        # The estimate and the plan can differ by whole turns: each counts them from its own start.
-        turns = round(float(x_off[0, 3]) / (2.0 * pi))
-        if turns:
-            x_off[:, 3] -= 2.0 * pi * turns
+        without_turns(x_off)
         weights = [problem.weights for problem in self._problems]
         if spec.terminal == "riccati":
             at_heading = self._weights_at_heading(ltv.x_nominal[-1, 3])
             weights = [at_heading.of(problem.subsystem) for problem in self._problems]
-        return ltv, [p.condenser(ltv, w, x_off, u_off) for p, w in zip(self._problems, weights, strict=True)]
+        return ltv, self.condensed(ltv, weights, x_off, u_off)
 
     def _weights_at_heading(self, yaw: Array) -> Weights:
         """The Riccati weight was computed for yaw = 0: rotate it to the yaw at the end of the horizon."""
@@ -169,16 +116,6 @@ class LtvMpcController:
         for i in (0, 8):
             rotation[i : i + 2, i : i + 2] = rotate_to_body(np.eye(2), yaw).T
         return self._weights._replace(sqrt_Qf=self._weights.sqrt_Qf @ rotation)
-
-
-class _Problem:
-    """The optimisation (26) of one subsystem: its weights, condenser and solver."""
-
-    def __init__(self, subsystem: Subsystem, limits: Limits, weights: Weights, hover: Ltv) -> None:
-        self.subsystem, self.weights = subsystem, weights.of(subsystem)
-        self.condenser = Condenser(len(hover.A), limits, subsystem)
-        sample = self.condenser(hover, self.weights, np.zeros_like(hover.x_nominal), np.zeros_like(hover.u_nominal))
-        self.solver = ProxQp(sample, len(subsystem.inputs))
 
 
 def _sqrt_riccati_weight(spec: LtvMpc) -> Array:
@@ -191,8 +128,7 @@ def _sqrt_riccati_weight(spec: LtvMpc) -> Array:
     A, B = model.discretise(*model.jacobians(np.zeros((1, len(spec.Q)))))
     Q = np.array(spec.Q)
     Q[8:] *= spec.k_i > 0.0
-    values, vectors = np.linalg.eigh(riccati_terminal_weight(A[0], B[0], np.diag(Q), np.diag(spec.R)))
-    return vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    return sqrt_weight(riccati_terminal_weight(A[0], B[0], np.diag(Q), np.diag(spec.R)))
 
 
 _CANCELLED = {"z": np.array([0.0, 0.0, 1.0, 0.0]), "all": np.ones(4)}
@@ -204,16 +140,3 @@ def _as_input(model: Model, push: Array, yaw: Array) -> Array:
     u = np.tile(push, (len(yaw), 1))
     u[:, :2] = rotate_to_body(push[:2], yaw)
     return u / np.array([model.b_x, model.b_y, model.b_z, model.b_yaw])
-
-
-def _report(solutions: list[Solution]) -> QpReport:
-    """Sum up the subsystems' solutions; without any, the last plan was continued."""
-    if not solutions:
-        return QpReport("shifted_plan", 0, 0, 0.0, 0.0)
-    return QpReport(
-        "softened" if any(s.softened for s in solutions) else "solved",
-        sum(s.iterations for s in solutions),
-        sum(s.active_bounds for s in solutions),
-        sum(s.objective for s in solutions),
-        max(s.slack for s in solutions),
-    )

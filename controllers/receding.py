@@ -1,0 +1,144 @@
+"""One step of a receding-horizon controller: solve (26), send the first input, keep the plan.
+
+It is the same for every believed model; a law gives the linear model along the last plan, the weights and the errors.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from math import isfinite, pi
+from typing import Protocol
+
+import numpy as np
+
+from controllers.condensed_qp import CondensedQp, Condenser, Limits, Weights
+from controllers.laws import safe_hover
+from controllers.ltv import Ltv, Subsystem, shift
+from controllers.model import Model
+from controllers.proxqp import ProxQp, Solution
+from controllers.signals import NX, Array, Command, Estimate, Plan, QpReport, Reference
+
+
+class RecedingSpec(Protocol):
+    """What a law has to say for its steps."""
+
+    @property
+    def model(self) -> Model:
+        """The believed helicopter."""
+        ...
+
+    @property
+    def steps(self) -> int:
+        """N, the number of inputs in the horizon."""
+        ...
+
+
+class RecedingHorizon(ABC):
+    """A receding-horizon controller during one flight, with its last plan.
+
+    Args:
+        spec: Limits and horizon.
+        subsystems: Parts of the linear model that do not act on one another.
+        weights: Of the whole model.
+        hover: The linear model in hover, for the sizes and the constant parts.
+    """
+
+    integral_states = 0
+    """Number of states after the eight physical ones that a `Plan` counts among its own."""
+
+    def __init__(self, spec: RecedingSpec, subsystems: Sequence[Subsystem], weights: Weights, hover: Ltv) -> None:
+        model = spec.model
+        self._model, self._steps = model, spec.steps
+        self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max))
+        self._problems = [_Problem(part, self._limits, weights, hover) for part in subsystems]
+        self._solutions: list[Solution] = []
+        self._state_order = np.argsort(np.concatenate([part.states for part in subsystems]))
+        self._u_nominal: Array | None = None
+        self._planned: tuple[Ltv, Array] | None = None
+        self._unsolved = 0
+
+    @abstractmethod
+    def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
+        """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
+
+    def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
+        """Solve (26) from the estimate and send the first input of the plan.
+
+        If the QP is infeasible or does not converge within its iterations, its velocity bounds are softened. If that
+        fails too, the last plan is continued, and after its end a level hover is commanded.
+        """
+        self._planned = None
+        if not all(map(isfinite, estimate.x.tolist())):
+            return safe_hover(self._model, now)
+        ltv, qps = self.problem(estimate, reference)
+        solutions = [problem.solver(qp) for problem, qp in zip(self._problems, qps, strict=True)]
+        solve_ns = sum(problem.solver.solve_ns for problem in self._problems)
+        solved, u = [solution for solution in solutions if solution], ltv.u_nominal
+        if len(solved) == len(solutions):
+            self._unsolved, steps = 0, self._steps
+            u = u + np.concatenate([solution.du.reshape(steps, -1) for solution in solved], axis=1)
+            # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
+            u = np.minimum(np.maximum(u, self._limits.u_min), self._limits.u_max)
+        else:
+            self._unsolved += 1
+            if self._unsolved > self._steps:
+                return safe_hover(self._model, now)._replace(solve_ns=solve_ns)
+            solved = []
+        self._u_nominal, self._planned, self._solutions = shift(u), (ltv, u), solved
+        return Command(now, u[0], solve_ns=solve_ns)
+
+    def explain(self, command: Command) -> Command:
+        """Add the states that the LTV model reaches under the planned inputs, and how the QPs were solved."""
+        if self._planned is None:
+            return command
+        ltv, u = self._planned
+        du = u - ltv.u_nominal
+        dx = [problem.condenser.response(du.take(problem.subsystem.inputs, axis=1)) for problem in self._problems]
+        x = ltv.x_nominal + np.concatenate(dx, axis=1).take(self._state_order, axis=1)
+        own = NX + self.integral_states
+        extra = x[:, own:] if x.shape[1] > own else None
+        return command._replace(plan=Plan(x[:, :own], u, ltv.u_nominal, extra), qp=_report(self._solutions))
+
+    def linearise_along(self, u_nominal: Array) -> None:
+        """Use these nominal inputs (N, 4), for example of a log, in the next step instead of the shifted last plan."""
+        self._u_nominal = u_nominal
+
+    def nominal(self, u_ref: Array) -> Array:
+        """The nominal inputs (N, 4): the shifted last plan, at first the reference's inputs u_ref (N, 4)."""
+        return np.clip(u_ref, self._limits.u_min, self._limits.u_max) if self._u_nominal is None else self._u_nominal
+
+    def condensed(self, ltv: Ltv, weights: Sequence[Weights], x_off: Array, u_off: Array) -> list[CondensedQp]:
+        """Condense (26), one QP for each subsystem; arguments as `Condenser` takes them, weights one a subsystem."""
+        return [p.condenser(ltv, w, x_off, u_off) for p, w in zip(self._problems, weights, strict=True)]
+
+
+def without_turns(x_off: Array) -> None:
+    """Take whole turns out of errors of the state (N + 1, n), in place.
+
+    The estimate and the plan can differ by whole turns: each counts them from its own start.
+    """
+    turns = round(float(x_off[0, 3]) / (2.0 * pi))
+    if turns:
+        x_off[:, 3] -= 2.0 * pi * turns
+
+
+class _Problem:
+    """The optimisation (26) of one subsystem: its weights, condenser and solver."""
+
+    def __init__(self, subsystem: Subsystem, limits: Limits, weights: Weights, hover: Ltv) -> None:
+        self.subsystem, self.weights = subsystem, weights.of(subsystem)
+        self.condenser = Condenser(len(hover.A), limits, subsystem)
+        sample = self.condenser(hover, self.weights, np.zeros_like(hover.x_nominal), np.zeros_like(hover.u_nominal))
+        self.solver = ProxQp(sample, len(subsystem.inputs))
+
+
+def _report(solutions: list[Solution]) -> QpReport:
+    """Sum up the subsystems' solutions; without any, the last plan was continued."""
+    if not solutions:
+        return QpReport("shifted_plan", 0, 0, 0.0, 0.0)
+    return QpReport(
+        "softened" if any(s.softened for s in solutions) else "solved",
+        sum(s.iterations for s in solutions),
+        sum(s.active_bounds for s in solutions),
+        sum(s.objective for s in solutions),
+        max(s.slack for s in solutions),
+    )
