@@ -1,0 +1,318 @@
+"""Kalman filter with the detailed model: attitude from the cameras, servos from the commands, gusts as a state."""
+
+from collections import deque
+from dataclasses import dataclass
+from functools import lru_cache
+from math import exp, isfinite
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Unit, doc
+
+from controllers.detailed_model import EXTRA_STATES, GUST, PUSH, TRIM, A, DetailedModel, J, P, S, Step, U, V, step
+from controllers.estimators.kalman import heading
+from controllers.model import GRAVITY, Model
+from controllers.pose_screen import PoseScreen, ScreenSettings
+from controllers.rotations import wrap_angle
+from controllers.signals import Array, Estimate, NamedState, Pose, nanoseconds
+
+_FILTERED = [P, V, A, J, GUST, TRIM, PUSH]
+"""Columns of a horizontal axis that the filter corrects; the servo is known from the commands."""
+_P, _A, _GUST, _PUSH = 0, 2, 4, 6
+"""Places of some of them among the filtered ones."""
+_IN_WORLD = [V, GUST, PUSH]
+"""Columns that are kept in the world frame; the others, and the covariance, are in the turned frame."""
+_SHOWN = np.zeros((3, 7))
+_SHOWN[0, _P] = _SHOWN[1, 1] = _SHOWN[2, _GUST] = _SHOWN[2, _PUSH] = 1.0
+"""Position, velocity and the whole disturbance from the filtered columns."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetailedKalman:
+    """Per horizontal axis: position, velocity, tilt, jerk, gust, trim and push; per z and yaw as the plain filter.
+
+    The gust is an Ornstein-Uhlenbeck process with the model's strength and time; trim and push are almost constant. The
+    covariance is that of axes along and across the heading: a slow turn does not change it.
+
+    A law whose model is the paper's is served with the defaults of the detailed one.
+    """
+
+    kind: Literal["detailed_kalman"] = "detailed_kalman"
+    command_delay: Annotated[float, Ge(0), Le(1), Unit("s"), doc("believed time from control step to effect")] = 0.022
+    position_noise: Annotated[float, Gt(0), Unit("m"), doc("believed standard deviation of a position")] = 0.0005
+    angle_noise: Annotated[float, Gt(0), Unit("rad"), doc("the same of heading and tilt")] = 0.0052
+    velocity_walk: Annotated[float, Ge(0), Unit("m/s/sqrt(s)"), doc("unmodelled acceleration in the plane")] = 0.005
+    tilt_walk: Annotated[float, Ge(0), Unit("m/s^3/sqrt(s)"), doc("unmodelled moment, as jerk")] = 0.1
+    trim_walk: Annotated[float, Ge(0), Unit("1/sqrt(s)"), doc("drift of the trim, full stick")] = 0.005
+    push_walk: Annotated[float, Ge(0), Unit("m/s^2/sqrt(s)"), doc("drift of the push in the plane")] = 0.01
+    climb_walk: Annotated[float, Ge(0), Unit("m/s/sqrt(s)"), doc("unmodelled acceleration upwards")] = 0.05
+    yaw_rate_walk: Annotated[float, Ge(0), Unit("rad/s/sqrt(s)"), doc("unmodelled yaw acceleration")] = 0.3
+    lift_walk: Annotated[float, Ge(0), Unit("m/s^2/sqrt(s)"), doc("drift of the push upwards")] = 0.2
+    yaw_push_walk: Annotated[float, Ge(0), Unit("rad/s^2/sqrt(s)"), doc("drift of the yaw disturbance")] = 1.0
+    gate: Annotated[float, Gt(0), doc("squared innovation over its variance that refuses a pose; 10.8 is 0.1 %")] = 10.8
+    reset_after: Annotated[int, Ge(1), doc("refused poses in a row of which the last is believed, if none jumps")] = 5
+    jump_time: Annotated[float, Ge(0), Le(10), Unit("s"), doc("how long a jump has to last to be believed")] = 0.6
+    stray_speed: Annotated[float, Gt(0), Unit("m/s"), doc("error of the predicted velocity that is no jump")] = 1.0
+    stray_yaw_rate: Annotated[float, Gt(0), Unit("rad/s"), doc("error of the predicted yaw rate, no jump")] = 5.0
+    floor: Annotated[float, Ge(0), Unit("m"), doc("height of the centre of gravity when it stands on the floor")] = (
+        0.045
+    )
+
+    @property
+    def lead(self) -> float:
+        """Time from the control step to the moment for which its estimates hold, s."""
+        return self.command_delay
+
+    @property
+    def extra_states(self) -> tuple[NamedState, ...]:
+        """Those of the detailed model, then gust (world) and trim."""
+        gust = (NamedState(f"gust_{axis}", "m/s^2") for axis in "xy")
+        trim = (NamedState(f"trim_{axis}", "full stick") for axis in "xy")
+        return (*EXTRA_STATES, *gust, *trim)
+
+    def start(self, model: Model) -> "DetailedKalmanFilter":
+        """A filter for one flight that believes in `model`."""
+        return DetailedKalmanFilter(self, DetailedModel.of(model))
+
+
+class Motion(NamedTuple):
+    """The mean of the filter at one moment."""
+
+    position: Array
+    """(2,) x y, world, m."""
+    plane: Array
+    """(2, 9) columns of both axes; P and U are not used."""
+    z: Array
+    """(4,) height, velocity, T, push minus g."""
+    yaw: Array
+    """(4,) yaw, rate, n, push."""
+
+
+class Spread(NamedTuple):
+    """Covariances of the errors."""
+
+    plane: Array
+    """(2, 7, 7) of the filtered columns of each axis."""
+    chains: Array
+    """(2, 3, 3) of z and yaw: position, velocity and push."""
+
+
+class DetailedKalmanFilter:
+    """The filter of one flight: mean and covariance at the newest fused pose, and the commands sent since."""
+
+    def __init__(self, spec: DetailedKalman, model: DetailedModel) -> None:
+        self._spec, self._model = spec, model
+        self._delay = nanoseconds(spec.command_delay)
+        noise = np.array([spec.position_noise] * 3 + [spec.angle_noise])
+        self._R = noise**2
+        self._tilt_variance = (GRAVITY * spec.angle_noise) ** 2
+        stray = np.array([spec.stray_speed] * 3 + [spec.stray_yaw_rate])
+        jump_time = nanoseconds(spec.jump_time)
+        self._screen = PoseScreen(ScreenSettings(spec.gate, spec.reset_after, True, jump_time, noise, stray))
+        # Some millimetres are the cameras' error.
+        self._stands_below = spec.floor + 0.003
+        self._transition = lru_cache(64)(self._transition_over)
+        self._acting: deque[tuple[int, Array]] = deque([(-(1 << 62), np.array(model.u_hover))])
+        self._motion: Motion | None = None
+        self._spread = self._unknown()
+        self._stamp, self._rejected = -1, 0
+        self.innovation: tuple[Array, Array] | None = None
+        """Of the last pose that was compared with a prediction, fused or refused: measured minus predicted x y z yaw
+        (4,), and its variance (4,)."""
+
+    def command_sent(self, now: int, u: Array) -> None:
+        """Remember the input u (4,) decided at `now` (ns): it acts `command_delay` later."""
+        self._acting.append((now + self._delay, u.copy()))
+
+    def receive(self, now: int, pose: Pose) -> None:
+        """Fuse a pose at its capture time; one that is stale, non-finite, frozen or outside the gate is refused."""
+        self.innovation = None
+        yaw = heading(pose.quat_wxyz)
+        if not isfinite(yaw + float(pose.position.sum())) or pose.stamp <= self._stamp:
+            self._rejected += 1
+        elif self._motion is None:
+            u, model = self._model.u_hover, self._model
+            at_rest = np.zeros((2, 9))
+            z = np.array([pose.position[2], 0.0, model.b_z * u[2], -GRAVITY])
+            self._restart(pose.stamp, Motion(pose.position[:2].copy(), at_rest, z, np.array([yaw, 0.0, 0.0, 0.0])))
+        else:
+            self._fuse(pose, yaw)
+
+    def estimate(self, now: int) -> Estimate | None:
+        """The state at the time when a command sent at `now` (ns) acts; None before the first usable pose."""
+        if self._motion is None:
+            return None
+        stamp = now + self._delay
+        position, plane, z, yaw = self._predict(self._motion, self._stamp, stamp)
+        spread = self._spread_at(stamp)
+        turned = _turn(yaw[0])
+        gust, push = plane[:, GUST], plane[:, PUSH]
+        x = np.array([*position, z[0], yaw[0], *(turned @ plane[:, V]), z[1], yaw[1]])
+        disturbance = np.array([*(gust + push), z[3] + GRAVITY, yaw[3]])
+        variances = spread.plane.diagonal(axis1=1, axis2=2)
+        known = np.zeros(1)
+        extra = np.concatenate([plane[0, A : S + 1], plane[1, A : S + 1], z[2:3], yaw[2:3], gust, plane[:, TRIM]])
+        extra_variance = np.concatenate(
+            [variances[0, 2:4], known, variances[1, 2:4], known, known, known, variances[:, _GUST], variances[:, 5]]
+        )
+        variance = self.covariance(stamp).diagonal(axis1=1, axis2=2).copy()
+        return Estimate(stamp, x, disturbance, variance, self._stamp, self._rejected, extra, extra_variance)
+
+    def covariance(self, until: int) -> Array:
+        """Covariances (4, 3, 3) of position, velocity and disturbance of each axis x y z yaw at `until` (ns)."""
+        spread = self._spread_at(until)
+        return np.concatenate([_SHOWN @ spread.plane @ _SHOWN.T, spread.chains])
+
+    def _unknown(self) -> Spread:
+        """The covariance when only one pose is known: 1 m/s, 3 rad/s, and generous disturbances."""
+        gust = self._model.gust_acceleration
+        plane = np.zeros((2, 7, 7))
+        for axis in (0, 1):
+            np.fill_diagonal(plane[axis], [self._R[0], 1.0, 0.1, 1.0, gust[axis] ** 2, 0.01, 0.09])
+        return Spread(plane, np.stack([np.diag([self._R[2], 1.0, 0.09]), np.diag([self._R[3], 9.0, 9.0])]))
+
+    def _restart(self, stamp: int, motion: Motion) -> None:
+        self._motion, self._stamp = motion, stamp
+        self._screen.restart(stamp)
+        self._spread = self._unknown()
+
+    def _fuse(self, pose: Pose, measured_yaw: float) -> None:
+        assert self._motion is not None
+        stamp, since = pose.stamp, self._stamp
+        motion, spread = self._predict(self._motion, since, stamp), self._spread_at(stamp)
+        turned = _turn(motion.yaw[0])
+        off = turned @ (pose.position[:2] - motion.position)
+        innovation = np.array([*off, pose.position[2] - motion.z[0], wrap_angle(measured_yaw - motion.yaw[0])])
+        variance = np.concatenate([spread.plane[:, 0, 0], spread.chains[:, 0, 0]]) + self._R
+        if self._screen.is_frozen(pose, innovation):
+            self._rejected += 1
+            return
+        verdict, innovation = self._screen.judge(stamp, since, innovation, variance)
+        self.innovation = innovation, variance
+        if verdict != "fuse":
+            self._rejected += 1
+            if verdict == "restart":
+                # The predicted motion is still the best guess, but its covariance is not valid any more.
+                plane = motion.plane.copy()
+                plane[:, [GUST, PUSH]] = 0.0
+                position, z, yaw = motion.position + turned.T @ innovation[:2], motion.z.copy(), motion.yaw.copy()
+                z[0] += innovation[2]
+                yaw[0] += innovation[3]
+                z[3], yaw[3] = -GRAVITY, 0.0
+                self._restart(stamp, Motion(position, plane, z, yaw))
+            return
+        self._correct(motion, spread, turned, innovation, pose.quat_wxyz)
+        self._stamp = stamp
+        while len(self._acting) > 1 and self._acting[1][0] <= stamp:
+            self._acting.popleft()
+
+    def _correct(self, motion: Motion, spread: Spread, turned: Array, innovation: Array, quat_wxyz: Array) -> None:
+        """Fuse position and heading, then the tilt, unless the tilt alone is outside the gate."""
+        # Of z and yaw.
+        C = spread.chains
+        K = C[:, :, 0] / (C[:, 0, 0] + self._R[2:])[:, None]
+        (z0, z1, z3), (yaw0, yaw1, yaw3) = K * innovation[2:, None]
+        C = C - K[:, :, None] * C[:, None, 0, :]
+        # Of the plane, axis by axis in the turned frame.
+        S_ = spread.plane
+        K = S_[:, :, _P] / (S_[:, _P, _P] + self._R[:2])[:, None]
+        change = K * innovation[:2, None]
+        S_ = S_ - K[:, :, None] * S_[:, None, _P, :]
+        tilt = turned @ (GRAVITY * _tilt(quat_wxyz)) - motion.plane[:, A] - change[:, _A]
+        variance = S_[:, _A, _A] + self._tilt_variance
+        if (tilt * tilt <= 4.0 * self._spec.gate * variance).all():
+            K = S_[:, :, _A] / variance[:, None]
+            change += K * tilt[:, None]
+            S_ = S_ - K[:, :, None] * S_[:, None, _A, :]
+        plane = motion.plane.copy()
+        world = turned.T @ change[:, [_P, 1, _GUST, _PUSH]]
+        plane[:, [A, J, TRIM]] += change[:, [2, 3, 5]]
+        plane[:, _IN_WORLD] += world[:, 1:]
+        self._motion = Motion(
+            motion.position + world[:, 0],
+            plane,
+            motion.z + np.array([z0, z1, 0.0, z3]),
+            motion.yaw + np.array([yaw0, yaw1, 0.0, yaw3]),
+        )
+        self._spread = Spread(S_, C)
+
+    def _predict(self, motion: Motion, start: int, until: int) -> Motion:
+        """The motion from `start` to `until` (ns) under the commands that act in between."""
+        pieces = self._acting
+        for i, (since, u) in enumerate(pieces):
+            end = min(until, pieces[i + 1][0]) if i + 1 < len(pieces) else until
+            begin = max(start, since)
+            if end > begin:
+                moved = _advance(step(self._model, (end - begin) * 1e-9), motion, u)
+                if moved.z[0] < self._stands_below and moved.z[1] < 0.0:
+                    moved = self._on_the_floor(motion, moved)
+                motion = moved
+        return motion
+
+    def _on_the_floor(self, before: Motion, moved: Motion) -> Motion:
+        """The motion of a helicopter that would sink into the floor: it stands, and its skids do not slide."""
+        height = before.z[0] if before.z[0] < self._stands_below else max(float(moved.z[0]), self._spec.floor)
+        plane, z = moved.plane.copy(), moved.z.copy()
+        plane[:, [V, A, J]] = 0.0
+        z[:2] = height, 0.0
+        return Motion(before.position, plane, z, np.array([before.yaw[0], 0.0, *moved.yaw[2:]]))
+
+    def _spread_at(self, until: int) -> Spread:
+        """The covariances, predicted to `until` (ns)."""
+        ahead = until - self._stamp
+        if ahead <= 0:
+            return self._spread
+        (F, Q), (F_chains, Q_chains) = self._transition(ahead)
+        return Spread(
+            F @ self._spread.plane @ F.transpose(0, 2, 1) + Q,
+            F_chains @ self._spread.chains @ F_chains.transpose(0, 2, 1) + Q_chains,
+        )
+
+    def _transition_over(self, ahead: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Transitions and process noise of plane (2, 7, 7) and of z and yaw (2, 3, 3) over a time, ns."""
+        spec, model, dt = self._spec, self._model, ahead * 1e-9
+        solution = step(model, dt)
+        F, Q = np.zeros((2, 7, 7)), np.zeros((2, 7, 7))
+        F[:, 5, 5] = F[:, 6, 6] = 1.0
+        F[:, :5] = solution.plane[:, [P, V, A, J, GUST]][:, :, _FILTERED]
+        fading = 1.0 - exp(-2.0 * dt / model.gust_time)
+        walks = np.array([0.0, spec.velocity_walk, 0.0, spec.tilt_walk, 0.0, spec.trim_walk, spec.push_walk]) ** 2 * dt
+        for noise, gust in zip(Q, model.gust_acceleration, strict=True):
+            np.fill_diagonal(noise, walks)
+            noise[_GUST, _GUST] = gust * gust * fading
+        chains, Q_chains = np.zeros((2, 3, 3)), np.zeros((2, 3, 3))
+        chains[:, 2, 2] = 1.0
+        for transition, rows in zip(chains, (solution.z, solution.yaw), strict=True):
+            transition[:2] = rows[:2, [0, 1, 3]]
+        for noise, walk, drift in zip(
+            Q_chains, (spec.climb_walk, spec.yaw_rate_walk), (spec.lift_walk, spec.yaw_push_walk), strict=True
+        ):
+            np.fill_diagonal(noise, np.array([0.0, walk, drift]) ** 2 * dt)
+        return (F, Q), (chains, Q_chains)
+
+
+def _advance(solution: Step, motion: Motion, u: Array) -> Motion:
+    """The motion one step later: in the plane it is taken in the frame at the middle of the step's headings."""
+    yaw, z = np.empty(4), np.empty(4)
+    yaw[:3], yaw[3] = solution.yaw @ np.array([*motion.yaw, u[3]]), motion.yaw[3]
+    z[:3], z[3] = solution.z @ np.array([*motion.z, u[2]]), motion.z[3]
+    turned = _turn(0.5 * (motion.yaw[0] + yaw[0]))
+    plane = motion.plane.copy()
+    plane[:, _IN_WORLD] = turned @ plane[:, _IN_WORLD]
+    plane[:, P], plane[:, U] = 0.0, u[:2]
+    plane[:, : GUST + 1] = np.matmul(solution.plane, plane[:, :, None])[..., 0]
+    position = motion.position + turned.T @ plane[:, P]
+    plane[:, _IN_WORLD] = turned.T @ plane[:, _IN_WORLD]
+    return Motion(position, plane, z, yaw)
+
+
+def _turn(yaw: float) -> Array:
+    """Rotation (2, 2) of horizontal vectors from the world into the frame turned by the yaw."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, s], [-s, c]])
+
+
+def _tilt(quat_wxyz: Array) -> Array:
+    """Horizontal part (2,), world, of the direction of the mast."""
+    w, x, y, z = (quat_wxyz / np.sqrt(quat_wxyz @ quat_wxyz)).tolist()
+    return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x)])

@@ -1,0 +1,155 @@
+"""LTV-MPC with the detailed model: attitude, servos, lags and gusts are in the plan."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Unit, doc
+
+from controllers.condensed_qp import CondensedQp, Weights, riccati_terminal_weight, sqrt_weight
+from controllers.detailed_flatness import HIGHEST_DERIVATIVE, detailed_reference
+from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisation, Disturbances
+from controllers.detailed_model import EXTRA_STATES, N_DETAILED, DetailedModel
+from controllers.ltv import Ltv
+from controllers.receding import RecedingHorizon, without_turns
+from controllers.rotations import rotate_to_body, rotate_to_world
+from controllers.signals import Array, Estimate, NamedState, Reference
+
+Weight = Annotated[float, Ge(0)]
+InputWeight = Annotated[float, Gt(0)]
+
+
+@dataclass(frozen=True, slots=True)
+class DetailedMpc:
+    """The paper's LTV-MPC with a model of tilt, servos, lags and gusts, which the paper calls for as future work.
+
+    It solves the same (26). Instead of integral states, the estimated push and trim are part of the reference, and the
+    estimated gust is part of the prediction. Its terminal weight is the Riccati cost-to-go, gusts included. The states
+    that it needs come from `estimator.kind = "detailed_kalman"`.
+
+    Weights of position and pitch and roll inputs are 1 to 0.01: on the linear model with the lab's gust, delay and cameras
+    that is the LQG optimum whose loop withstands an attitude frequency from 10 to 18 rad/s.
+    """
+
+    kind: Literal["detailed_mpc"] = "detailed_mpc"
+    period: Annotated[float, Ge(0.001), Le(0.2), Unit("s"), doc("control period T_s")] = 0.02
+    horizon: Annotated[int, Ge(1), Le(60), doc("p of (26): p + 1 inputs, p + 2 states")] = 18
+    Q: Annotated[
+        tuple[Weight, Weight, Weight, Weight, Weight, Weight, Weight, Weight],
+        doc("state weights: x y z yaw, vx vy vz yaw rate"),
+    ] = (50.0, 50.0, 5.0, 10.0, 0.0, 0.0, 0.0, 2.0)
+    R: Annotated[
+        tuple[InputWeight, InputWeight, InputWeight, InputWeight], doc("input weights: pitch, roll, thrust, yaw")
+    ] = (0.5, 0.5, 0.2, 2.0)
+    model: Annotated[DetailedModel, doc("the helicopter as the controller believes it")] = field(
+        default_factory=DetailedModel
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse weights without a terminal weight.
+
+        Raises:
+            ValueError: The Riccati equation has no solution in double precision.
+        """
+        hover = self.hover()
+        try:
+            _terminal(self, hover)
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise ValueError(
+                f"there is no terminal weight for these Q and R: {error}; choose them nearer to their defaults"
+            ) from None
+
+    @property
+    def steps(self) -> int:
+        """Number of inputs in the horizon."""
+        return self.horizon + 1
+
+    @property
+    def flat_derivatives(self) -> int:
+        """Highest derivative of the flat outputs that it reads."""
+        return HIGHEST_DERIVATIVE
+
+    @property
+    def extra_states(self) -> tuple[NamedState, ...]:
+        """The states of its plan beyond the eight physical ones."""
+        return EXTRA_STATES
+
+    def hover(self) -> Ltv:
+        """Return the linear model over one horizon in hover."""
+        at_rest = Disturbances(np.zeros(2), np.zeros(2), np.zeros(4))
+        inputs = np.tile(self.model.u_hover, (self.steps, 1))
+        return DetailedLinearisation(self.model, self.period, self.steps)(np.zeros(N_DETAILED), inputs, at_rest)
+
+    def start(self) -> "DetailedMpcController":
+        """Return a controller for one flight."""
+        return DetailedMpcController(self)
+
+
+class DetailedMpcController(RecedingHorizon):
+    """The MPC of one flight, with its last plan."""
+
+    def __init__(self, spec: DetailedMpc) -> None:
+        self._model = spec.model
+        self._linearise = DetailedLinearisation(spec.model, spec.period, spec.steps)
+        hover = spec.hover()
+        Qf, self._gust_target = _terminal(spec, hover)
+        sqrt_Q = np.zeros(N_DETAILED)
+        sqrt_Q[:8] = np.sqrt(spec.Q)
+        super().__init__(spec, (PLANE, HEIGHT_AND_YAW), Weights(sqrt_Q, np.array(spec.R), Qf), hover)
+        self._decay = self._linearise.gust_decay**spec.steps
+
+    def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
+        """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
+        assert reference.flat is not None
+        extra = estimate.extra
+        gust = extra[8:10]
+        push = estimate.disturbance.copy()
+        push[:2] -= gust
+        acting = Disturbances(gust, extra[10:12], push)
+        x_ref, u_ref = detailed_reference(self._model, reference.flat, acting)
+        u_nominal = self.nominal(u_ref)
+        ltv = self._linearise(np.concatenate([estimate.x, extra[:8]]), u_nominal, acting)
+        x_off, yaw = ltv.x_nominal - x_ref, float(ltv.x_nominal[-1, 3])
+        without_turns(x_off)
+        x_off[-1, PLANE.states] += self._gust_at_end(gust, yaw)
+        plane, height_and_yaw = (problem.weights for problem in self._problems)
+        # The terminal weight was computed for yaw = 0: positions are turned into the body frame first.
+        turned = plane.sqrt_Qf.copy()
+        turned[:, :2] = turned[:, :2] @ rotate_to_body(np.eye(2), np.full(2, yaw)).T
+        weights = (plane._replace(sqrt_Qf=turned), height_and_yaw)
+        return ltv, self.condensed(ltv, weights, x_off, u_nominal - u_ref)
+
+    def _gust_at_end(self, gust: Array, yaw: float) -> Array:
+        """The error (10,) of the plane's last state that a gust at the end of the horizon amounts to."""
+        error = self._gust_target @ (self._decay * rotate_to_body(gust, np.array(yaw)))
+        error[:2] = rotate_to_world(error[:2], np.array(yaw))
+        return error
+
+
+def _terminal(spec: DetailedMpc, hover: Ltv) -> tuple[Array, Array]:
+    """Root of the terminal weight (16, 16) at yaw = 0, and the error (10, 2) of the plane that a gust amounts to.
+
+    The cost-to-go of the plane with gusts g is x'Px + 2 x'Pg g + ...: the same as of an error x + inv(P) Pg g.
+    """
+    root, Q = np.zeros((N_DETAILED, N_DETAILED)), np.zeros(N_DETAILED)
+    Q[:8] = spec.Q
+    linearise = DetailedLinearisation(spec.model, spec.period, spec.steps)
+    A, B = _with_gust(hover, linearise)
+    weight = np.zeros((12, 12))
+    weight[:10, :10] = np.diag(Q[PLANE.states])
+    P = riccati_terminal_weight(A, B, weight, np.diag(spec.R[:2]))
+    root[np.ix_(PLANE.states, PLANE.states)] = sqrt_weight(P[:10, :10])
+    AB, n = HEIGHT_AND_YAW.matrices(hover)[0], len(HEIGHT_AND_YAW.states)
+    low = riccati_terminal_weight(AB[:, :n], AB[:, n:], np.diag(Q[HEIGHT_AND_YAW.states]), np.diag(spec.R[2:]))
+    root[np.ix_(HEIGHT_AND_YAW.states, HEIGHT_AND_YAW.states)] = sqrt_weight(low)
+    return root, np.linalg.solve(P[:10, :10], P[:10, 10:])
+
+
+def _with_gust(hover: Ltv, linearise: DetailedLinearisation) -> tuple[Array, Array]:
+    """The plane's matrices (12, 12) and (12, 2) at yaw = 0 with the gust x y as two more states."""
+    AB = PLANE.matrices(hover)[0]
+    A, B = np.zeros((12, 12)), np.zeros((12, 2))
+    A[:10, :10], B[:10] = AB[:, :10], AB[:, 10:]
+    A[:10, 10:] = linearise.gust_response
+    A[10, 10] = A[11, 11] = linearise.gust_decay
+    return A, B
