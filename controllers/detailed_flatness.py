@@ -1,7 +1,5 @@
 """States and inputs of the detailed model from the flat outputs and their derivatives up to the fifth."""
 
-from math import comb
-
 import numpy as np
 
 from controllers.detailed_ltv import Disturbances
@@ -30,24 +28,21 @@ def detailed_reference(model: DetailedModel, flat: Array, acting: Disturbances) 
     Source: the flatness of (2)-(9), with tilt, servo and lags between.
     """
     path, yaw, height = flat[..., 0] + 1j * flat[..., 1], flat[..., 3], flat[..., 2]
-    body = _to_body(yaw)
-    moving = [_product(body, path[1:], n) for n in range(4)]
+    turns = _turns(yaw)
     forces = path[2:].copy()
     forces[0] -= complex(*acting.push[:2])
-    asked = [_product(body, forces, n) for n in range(4)]
+    # Derivatives 0 to 3 of velocity and force in the body frame, each (4, N + 1, 2): ahead and to port.
+    v, force = (np.einsum("jkn,kn->jn", turns, w).view(float).reshape(4, -1, 2) for w in (path[1:5], forces))
+    k, b = np.array([model.k_x, model.k_y]), np.array([model.b_x, model.b_y])
+    w = np.array(model.frequencies)
+    a = force - k * v
+    servo = (a[2:] / (w * w) + 2.0 * model.attitude_damping / w * a[1:3] + a[:2] - model.hub_drag * k * v[:2]) / b
 
     x = np.empty((flat.shape[1], N_DETAILED))
     u = np.empty((flat.shape[1], 4))
-    x[:, 0:4], x[:, 6], x[:, 7] = flat[0], height[1], yaw[1]
-    axes = (model.k_x, model.b_x, model.pitch_frequency), (model.k_y, model.b_y, model.roll_frequency)
-    for axis, (k, b, w) in enumerate(axes):
-        v = [_part(value, axis) for value in moving]
-        a = [_part(value, axis) - k * v[n] for n, value in enumerate(asked)]
-        damping, hub = 2.0 * model.attitude_damping / w, model.hub_drag * k
-        servo = [(a[n + 2] / (w * w) + damping * a[n + 1] + a[n] - hub * v[n]) / b for n in (0, 1)]
-        own = 8 + 3 * axis
-        x[:, 4 + axis], x[:, own], x[:, own + 1], x[:, own + 2] = v[0], a[0], a[1], servo[0] - acting.trim[axis]
-        u[:, axis] = x[:, own + 2] + model.servo_lag * servo[1]
+    x[:, :4], x[:, 4:6], x[:, 6], x[:, 7] = flat[0], v[0], height[1], yaw[1]
+    x[:, [8, 11]], x[:, [9, 12]], x[:, [10, 13]] = a[0], a[1], servo[0] - acting.trim
+    u[:, :2] = x[:, [10, 13]] + model.servo_lag * servo[1]
     x[:, 14] = height[2] + (GRAVITY - acting.push[2])
     u[:, 2] = (x[:, 14] + model.thrust_lag * height[3]) / model.b_z
     x[:, 15] = yaw[2] - model.k_yaw * yaw[1] - acting.push[3]
@@ -55,22 +50,20 @@ def detailed_reference(model: DetailedModel, flat: Array, acting: Disturbances) 
     return x, 0.5 * (u[:-1] + u[1:])
 
 
-def _to_body(yaw: Array) -> list[Array]:
-    """The turn exp(-i yaw) into the body frame and its first three time derivatives, each (n,)."""
+def _turns(yaw: Array) -> Array:
+    """The turn exp(-i yaw) into the body frame as factors of the derivatives of a product with it.
+
+    Args:
+        yaw: (6, n) yaw and its time derivatives.
+
+    Returns:
+        (4, 4, n): the j-th derivative of exp(-i yaw) w is the sum over k of [j, k] times the k-th derivative of w.
+    """
     r, dr, ddr = yaw[1], yaw[2], yaw[3]
-    turn = np.exp(-1j * yaw[0])
-    square = r * r
-    return [turn, -1j * r * turn, (-1j * dr - square) * turn, (1j * (square * r - ddr) - 3.0 * r * dr) * turn]
-
-
-def _product(a: list[Array], b: Array, n: int) -> Array:
-    """The n-th derivative of a product, from the derivatives of its factors."""
-    total = a[0] * b[n]
-    for k in range(1, n + 1):
-        total = total + comb(n, k) * a[k] * b[n - k]
-    return total
-
-
-def _part(value: Array, axis: int) -> Array:
-    """The forward (0) or portward (1) part of complex numbers."""
-    return value.imag if axis else value.real
+    square, factors = r * r, np.zeros((4, 4, yaw.shape[1]), dtype=complex)
+    factors[0, 0] = factors[1, 1] = factors[2, 2] = factors[3, 3] = turn = np.exp(-1j * yaw[0])
+    factors[1, 0] = first = -1j * r * turn
+    factors[2, 0] = second = (-1j * dr - square) * turn
+    factors[3, 0] = (1j * (square * r - ddr) - 3.0 * r * dr) * turn
+    factors[2, 1], factors[3, 2], factors[3, 1] = 2.0 * first, 3.0 * first, 3.0 * second
+    return factors

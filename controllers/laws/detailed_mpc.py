@@ -1,6 +1,7 @@
 """LTV-MPC with the detailed model: attitude, servos, lags and gusts are in the plan."""
 
 from dataclasses import dataclass, field
+from math import cos, sin
 from typing import Annotated, Literal
 
 import numpy as np
@@ -12,7 +13,6 @@ from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisatio
 from controllers.detailed_model import EXTRA_STATES, N_DETAILED, DetailedModel
 from controllers.ltv import Ltv
 from controllers.receding import RecedingHorizon, without_turns
-from controllers.rotations import rotate_to_body, rotate_to_world
 from controllers.signals import Array, Estimate, NamedState, Reference
 
 Weight = Annotated[float, Ge(0)]
@@ -111,19 +111,17 @@ class DetailedMpcController(RecedingHorizon):
         ltv = self._linearise(np.concatenate([estimate.x, extra[:8]]), u_nominal, acting)
         x_off, yaw = ltv.x_nominal - x_ref, float(ltv.x_nominal[-1, 3])
         without_turns(x_off)
-        x_off[-1, PLANE.states] += self._gust_at_end(gust, yaw)
+        # The terminal weight holds at yaw = 0: positions are turned into the body frame at the end of the horizon.
+        c, s = cos(yaw), sin(yaw)
+        turned = np.array([[c, s], [-s, c]])
+        of_gust = self._gust_target @ (turned @ (self._decay * gust))
+        of_gust[:2] = of_gust[:2] @ turned
+        x_off[-1, PLANE.states] += of_gust
         plane, height_and_yaw = (problem.weights for problem in self._problems)
-        # The terminal weight was computed for yaw = 0: positions are turned into the body frame first.
-        turned = plane.sqrt_Qf.copy()
-        turned[:, :2] = turned[:, :2] @ rotate_to_body(np.eye(2), np.full(2, yaw)).T
-        weights = (plane._replace(sqrt_Qf=turned), height_and_yaw)
+        Qf = plane.sqrt_Qf.copy()
+        Qf[:, :2] = Qf[:, :2] @ turned
+        weights = (plane._replace(sqrt_Qf=Qf), height_and_yaw)
         return ltv, self.condensed(ltv, weights, x_off, u_nominal - u_ref)
-
-    def _gust_at_end(self, gust: Array, yaw: float) -> Array:
-        """The error (10,) of the plane's last state that a gust at the end of the horizon amounts to."""
-        error = self._gust_target @ (self._decay * rotate_to_body(gust, np.array(yaw)))
-        error[:2] = rotate_to_world(error[:2], np.array(yaw))
-        return error
 
 
 def _terminal(spec: DetailedMpc, hover: Ltv) -> tuple[Array, Array]:
