@@ -36,6 +36,12 @@ EXTRA_STATES = (
     NamedState("yaw_torque", "rad/s^2"),
 )  # fmt: skip
 """The states beyond the eight physical ones, in the order of the state vector."""
+ESTIMATED_STATES = (
+    *EXTRA_STATES,
+    *(NamedState(f"gust_{axis}", "m/s^2") for axis in "xy"),
+    *(NamedState(f"trim_{axis}", "full stick") for axis in "xy"),
+)
+"""What an estimator adds to the eight physical states; the gust is in the world frame."""
 N_DETAILED = 8 + len(EXTRA_STATES)
 """Number of states: the eight of (1), then a j s of x, a j s of y, T and n."""
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from controllers.errors import InfeasibleTrajectory, MissingDerivatives
 from controllers.flatness import state
-from controllers.laws import extra_states, flat_derivatives
+from controllers.laws import StateReader, extra_states, flat_derivatives
 from controllers.laws.external import External
 from controllers.model import GRAVITY
 from controllers.proxqp import BUILD_TROUBLE
@@ -23,6 +23,7 @@ from controllers.reference import check_feasible
 from controllers.signals import nanoseconds
 from controllers.trajectories import derivatives, fitted
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.families import members
 from heli_twin.experiment.objects import validated
 from heli_twin.experiment.tree import ExperimentError, tree_of
 from heli_twin.flight import INVALID, Flight, Outcome
@@ -194,6 +195,13 @@ def _check_contracts(e: Experiment) -> None:
         derivatives(fitted(e.trajectory, e.controller.model), np.zeros(1), flat_derivatives(e.controller))
     except MissingDerivatives as error:
         raise ExperimentError(f"trajectory does not give what the controller reads: {error}") from None
+    read = e.controller.estimated_states if isinstance(e.controller, StateReader) else ()
+    if extra_states(e.estimator)[: len(read)] != read:
+        able = [kind for kind, spec in members("controllers.estimators").items() if extra_states(spec())[: len(read)] == read]
+        raise ExperimentError(
+            f"controller: {type(e.controller).__name__} reads states such as {read[0].name}, which the estimator"
+            f" {type(e.estimator).__name__} does not give; take estimator={' or '.join(able) or 'one that does'}"
+        )
     for path, spec in (("estimator", e.estimator), ("controller", e.controller)):
         if trouble := trouble_with(extra_states(spec)):
             raise ExperimentError(f"{path}: {trouble}")

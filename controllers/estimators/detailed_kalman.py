@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.detailed_model import EXTRA_STATES, GUST, PUSH, TRIM, A, DetailedModel, J, P, S, Step, U, V, step
+from controllers.detailed_model import ESTIMATED_STATES, GUST, PUSH, TRIM, A, DetailedModel, J, P, S, Step, U, V, step
 from controllers.estimators.kalman import heading
 from controllers.model import GRAVITY, Model
 from controllers.pose_screen import PoseScreen, ScreenSettings
@@ -17,13 +17,13 @@ from controllers.rotations import wrap_angle
 from controllers.signals import Array, Estimate, NamedState, Pose, nanoseconds
 
 _FILTERED = [P, V, A, J, GUST, TRIM, PUSH]
-"""Columns of a horizontal axis that the filter corrects; the servo is known from the commands."""
-_P, _A, _GUST, _PUSH = 0, 2, 4, 6
-"""Places of some of them among the filtered ones."""
+"""Columns of a horizontal axis that the filter corrects, before the cameras' slow error. The servo is known."""
+_A, _GUST, _PUSH = 2, 4, 6
+"""Places of some of them among the filtered ones; position comes first, the cameras' slow error last."""
 _IN_WORLD = [V, GUST, PUSH]
 """Columns that are kept in the world frame; the others, and the covariance, are in the turned frame."""
-_SHOWN = np.zeros((3, 7))
-_SHOWN[0, _P] = _SHOWN[1, 1] = _SHOWN[2, _GUST] = _SHOWN[2, _PUSH] = 1.0
+_SHOWN = np.zeros((3, 8))
+_SHOWN[0, 0] = _SHOWN[1, 1] = _SHOWN[2, _GUST] = _SHOWN[2, _PUSH] = 1.0
 """Position, velocity and the whole disturbance from the filtered columns."""
 
 
@@ -32,14 +32,17 @@ class DetailedKalman:
     """Per horizontal axis: position, velocity, tilt, jerk, gust, trim and push; per z and yaw as the plain filter.
 
     The gust is an Ornstein-Uhlenbeck process with the model's strength and time; trim and push are almost constant. The
-    covariance is that of axes along and across the heading: a slow turn does not change it.
+    covariance is that of axes along and across the heading: a slow turn does not change it. The cameras' slow error is
+    a state too: without it, the filter would trust its position too much.
 
     A law whose model is the paper's is served with the defaults of the detailed one.
     """
 
     kind: Literal["detailed_kalman"] = "detailed_kalman"
     command_delay: Annotated[float, Ge(0), Le(1), Unit("s"), doc("believed time from control step to effect")] = 0.022
-    position_noise: Annotated[float, Gt(0), Unit("m"), doc("believed standard deviation of a position")] = 0.0005
+    position_noise: Annotated[float, Gt(0), Unit("m"), doc("believed white noise of a position")] = 0.0003
+    camera_bias: Annotated[float, Ge(0), Unit("m"), doc("believed slow error of a position")] = 0.0005
+    camera_bias_time: Annotated[float, Gt(0), Unit("s"), doc("time in which the slow error changes")] = 5.0
     angle_noise: Annotated[float, Gt(0), Unit("rad"), doc("the same of heading and tilt")] = 0.0052
     velocity_walk: Annotated[float, Ge(0), Unit("m/s/sqrt(s)"), doc("unmodelled acceleration in the plane")] = 0.005
     tilt_walk: Annotated[float, Ge(0), Unit("m/s^3/sqrt(s)"), doc("unmodelled moment, as jerk")] = 0.1
@@ -66,9 +69,7 @@ class DetailedKalman:
     @property
     def extra_states(self) -> tuple[NamedState, ...]:
         """Those of the detailed model, then gust (world) and trim."""
-        gust = (NamedState(f"gust_{axis}", "m/s^2") for axis in "xy")
-        trim = (NamedState(f"trim_{axis}", "full stick") for axis in "xy")
-        return (*EXTRA_STATES, *gust, *trim)
+        return ESTIMATED_STATES
 
     def start(self, model: Model) -> "DetailedKalmanFilter":
         """A filter for one flight that believes in `model`."""
@@ -86,15 +87,17 @@ class Motion(NamedTuple):
     """(4,) height, velocity, T, push minus g."""
     yaw: Array
     """(4,) yaw, rate, n, push."""
+    camera_bias: Array
+    """(3,) slow error of the cameras: x y in the turned frame, z, m."""
 
 
 class Spread(NamedTuple):
     """Covariances of the errors."""
 
     plane: Array
-    """(2, 7, 7) of the filtered columns of each axis."""
+    """(2, 8, 8) of the filtered columns of each axis and the cameras' slow error."""
     chains: Array
-    """(2, 3, 3) of z and yaw: position, velocity and push."""
+    """(2, 4, 4) of z and yaw: position, velocity, push and the cameras' slow error."""
 
 
 class DetailedKalmanFilter:
@@ -103,8 +106,9 @@ class DetailedKalmanFilter:
     def __init__(self, spec: DetailedKalman, model: DetailedModel) -> None:
         self._spec, self._model = spec, model
         self._delay = nanoseconds(spec.command_delay)
-        noise = np.array([spec.position_noise] * 3 + [spec.angle_noise])
-        self._R = noise**2
+        white = np.array([spec.position_noise] * 3 + [spec.angle_noise])
+        slow = np.array([spec.camera_bias] * 3 + [0.0])
+        self._R, noise = white**2, np.hypot(white, slow)
         self._tilt_variance = (GRAVITY * spec.angle_noise) ** 2
         stray = np.array([spec.stray_speed] * 3 + [spec.stray_yaw_rate])
         jump_time = nanoseconds(spec.jump_time)
@@ -134,7 +138,8 @@ class DetailedKalmanFilter:
             u, model = self._model.u_hover, self._model
             at_rest = np.zeros((2, 9))
             z = np.array([pose.position[2], 0.0, model.b_z * u[2], -GRAVITY])
-            self._restart(pose.stamp, Motion(pose.position[:2].copy(), at_rest, z, np.array([yaw, 0.0, 0.0, 0.0])))
+            yaw_at_rest = np.array([yaw, 0.0, 0.0, 0.0])
+            self._restart(pose.stamp, Motion(pose.position[:2].copy(), at_rest, z, yaw_at_rest, np.zeros(3)))
         else:
             self._fuse(pose, yaw)
 
@@ -143,7 +148,7 @@ class DetailedKalmanFilter:
         if self._motion is None:
             return None
         stamp = now + self._delay
-        position, plane, z, yaw = self._predict(self._motion, self._stamp, stamp)
+        position, plane, z, yaw, _ = self._predict(self._motion, self._stamp, stamp)
         spread = self._spread_at(stamp)
         turned = _turn(yaw[0])
         gust, push = plane[:, GUST], plane[:, PUSH]
@@ -161,15 +166,16 @@ class DetailedKalmanFilter:
     def covariance(self, until: int) -> Array:
         """Covariances (4, 3, 3) of position, velocity and disturbance of each axis x y z yaw at `until` (ns)."""
         spread = self._spread_at(until)
-        return np.concatenate([_SHOWN @ spread.plane @ _SHOWN.T, spread.chains])
+        return np.concatenate([_SHOWN @ spread.plane @ _SHOWN.T, spread.chains[:, :3, :3]])
 
     def _unknown(self) -> Spread:
         """The covariance when only one pose is known: 1 m/s, 3 rad/s, and generous disturbances."""
-        gust = self._model.gust_acceleration
-        plane = np.zeros((2, 7, 7))
+        gust, slow = self._model.gust_acceleration, self._spec.camera_bias**2
+        plane = np.zeros((2, 8, 8))
         for axis in (0, 1):
-            np.fill_diagonal(plane[axis], [self._R[0], 1.0, 0.1, 1.0, gust[axis] ** 2, 0.01, 0.09])
-        return Spread(plane, np.stack([np.diag([self._R[2], 1.0, 0.09]), np.diag([self._R[3], 9.0, 9.0])]))
+            np.fill_diagonal(plane[axis], [self._R[0], 1.0, 0.1, 1.0, gust[axis] ** 2, 0.01, 0.09, slow])
+        chains = np.stack([np.diag([self._R[2], 1.0, 0.09, slow]), np.diag([self._R[3], 9.0, 9.0, 0.0])])
+        return Spread(plane, chains)
 
     def _restart(self, stamp: int, motion: Motion) -> None:
         self._motion, self._stamp = motion, stamp
@@ -181,9 +187,10 @@ class DetailedKalmanFilter:
         stamp, since = pose.stamp, self._stamp
         motion, spread = self._predict(self._motion, since, stamp), self._spread_at(stamp)
         turned = _turn(motion.yaw[0])
-        off = turned @ (pose.position[:2] - motion.position)
-        innovation = np.array([*off, pose.position[2] - motion.z[0], wrap_angle(measured_yaw - motion.yaw[0])])
-        variance = np.concatenate([spread.plane[:, 0, 0], spread.chains[:, 0, 0]]) + self._R
+        ahead, aside = turned @ (pose.position[:2] - motion.position) - motion.camera_bias[:2]
+        above = pose.position[2] - motion.z[0] - motion.camera_bias[2]
+        innovation = np.array([ahead, aside, above, wrap_angle(measured_yaw - motion.yaw[0])])
+        variance = np.concatenate([_seen(spread.plane)[1], _seen(spread.chains)[1]]) + self._R
         if self._screen.is_frozen(pose, innovation):
             self._rejected += 1
             return
@@ -199,7 +206,7 @@ class DetailedKalmanFilter:
                 z[0] += innovation[2]
                 yaw[0] += innovation[3]
                 z[3], yaw[3] = -GRAVITY, 0.0
-                self._restart(stamp, Motion(position, plane, z, yaw))
+                self._restart(stamp, Motion(position, plane, z, yaw, np.zeros(3)))
             return
         self._correct(motion, spread, turned, innovation, pose.quat_wxyz)
         self._stamp = stamp
@@ -210,14 +217,16 @@ class DetailedKalmanFilter:
         """Fuse position and heading, then the tilt, unless the tilt alone is outside the gate."""
         # Of z and yaw.
         C = spread.chains
-        K = C[:, :, 0] / (C[:, 0, 0] + self._R[2:])[:, None]
-        (z0, z1, z3), (yaw0, yaw1, yaw3) = K * innovation[2:, None]
-        C = C - K[:, :, None] * C[:, None, 0, :]
+        seen, variance = _seen(C)
+        K = seen / (variance + self._R[2:])[:, None]
+        (z0, z1, z3, z_bias), (yaw0, yaw1, yaw3, _) = K * innovation[2:, None]
+        C = C - K[:, :, None] * seen[:, None, :]
         # Of the plane, axis by axis in the turned frame.
         S_ = spread.plane
-        K = S_[:, :, _P] / (S_[:, _P, _P] + self._R[:2])[:, None]
+        seen, variance = _seen(S_)
+        K = seen / (variance + self._R[:2])[:, None]
         change = K * innovation[:2, None]
-        S_ = S_ - K[:, :, None] * S_[:, None, _P, :]
+        S_ = S_ - K[:, :, None] * seen[:, None, :]
         tilt = turned @ (GRAVITY * _tilt(quat_wxyz)) - motion.plane[:, A] - change[:, _A]
         variance = S_[:, _A, _A] + self._tilt_variance
         if (tilt * tilt <= 4.0 * self._spec.gate * variance).all():
@@ -225,7 +234,7 @@ class DetailedKalmanFilter:
             change += K * tilt[:, None]
             S_ = S_ - K[:, :, None] * S_[:, None, _A, :]
         plane = motion.plane.copy()
-        world = turned.T @ change[:, [_P, 1, _GUST, _PUSH]]
+        world = turned.T @ change[:, [0, 1, _GUST, _PUSH]]
         plane[:, [A, J, TRIM]] += change[:, [2, 3, 5]]
         plane[:, _IN_WORLD] += world[:, 1:]
         self._motion = Motion(
@@ -233,6 +242,7 @@ class DetailedKalmanFilter:
             plane,
             motion.z + np.array([z0, z1, 0.0, z3]),
             motion.yaw + np.array([yaw0, yaw1, 0.0, yaw3]),
+            motion.camera_bias + np.array([*change[:, -1], z_bias]),
         )
         self._spread = Spread(S_, C)
 
@@ -255,7 +265,9 @@ class DetailedKalmanFilter:
         plane, z = moved.plane.copy(), moved.z.copy()
         plane[:, [V, A, J]] = 0.0
         z[:2] = height, 0.0
-        return Motion(before.position, plane, z, np.array([before.yaw[0], 0.0, *moved.yaw[2:]]))
+        return moved._replace(
+            position=before.position, plane=plane, z=z, yaw=np.array([before.yaw[0], 0.0, *moved.yaw[2:]])
+        )
 
     def _spread_at(self, until: int) -> Spread:
         """The covariances, predicted to `until` (ns)."""
@@ -269,26 +281,32 @@ class DetailedKalmanFilter:
         )
 
     def _transition_over(self, ahead: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Transitions and process noise of plane (2, 7, 7) and of z and yaw (2, 3, 3) over a time, ns."""
+        """Transitions and process noise of plane (2, 8, 8) and of z and yaw (2, 4, 4) over a time, ns."""
         spec, model, dt = self._spec, self._model, ahead * 1e-9
-        solution = step(model, dt)
-        F, Q = np.zeros((2, 7, 7)), np.zeros((2, 7, 7))
+        solution, keep = step(model, dt), exp(-dt / spec.camera_bias_time)
+        slow = spec.camera_bias**2 * (1.0 - keep * keep)
+        F, Q = np.zeros((2, 8, 8)), np.zeros((2, 8, 8))
         F[:, 5, 5] = F[:, 6, 6] = 1.0
-        F[:, :5] = solution.plane[:, [P, V, A, J, GUST]][:, :, _FILTERED]
+        F[:, 7, 7] = keep
+        F[:, :5, :7] = solution.plane[:, [P, V, A, J, GUST]][:, :, _FILTERED]
         fading = 1.0 - exp(-2.0 * dt / model.gust_time)
         walks = np.array([0.0, spec.velocity_walk, 0.0, spec.tilt_walk, 0.0, spec.trim_walk, spec.push_walk]) ** 2 * dt
         for noise, gust in zip(Q, model.gust_acceleration, strict=True):
-            np.fill_diagonal(noise, walks)
+            np.fill_diagonal(noise, [*walks, slow])
             noise[_GUST, _GUST] = gust * gust * fading
-        chains, Q_chains = np.zeros((2, 3, 3)), np.zeros((2, 3, 3))
-        chains[:, 2, 2] = 1.0
+        chains, Q_chains = np.zeros((2, 4, 4)), np.zeros((2, 4, 4))
+        chains[:, 2, 2], chains[:, 3, 3] = 1.0, keep
         for transition, rows in zip(chains, (solution.z, solution.yaw), strict=True):
-            transition[:2] = rows[:2, [0, 1, 3]]
-        for noise, walk, drift in zip(
-            Q_chains, (spec.climb_walk, spec.yaw_rate_walk), (spec.lift_walk, spec.yaw_push_walk), strict=True
-        ):
-            np.fill_diagonal(noise, np.array([0.0, walk, drift]) ** 2 * dt)
+            transition[:2, :3] = rows[:2, [0, 1, 3]]
+        np.fill_diagonal(Q_chains[0], [0.0, spec.climb_walk**2 * dt, spec.lift_walk**2 * dt, slow])
+        np.fill_diagonal(Q_chains[1], [0.0, spec.yaw_rate_walk**2 * dt, spec.yaw_push_walk**2 * dt, 0.0])
         return (F, Q), (chains, Q_chains)
+
+
+def _seen(covariance: Array) -> tuple[Array, Array]:
+    """Covariances (m, n) of m camera readings, position plus slow error, with n states each, and their variances (m,)."""
+    seen = covariance[:, 0] + covariance[:, -1]
+    return seen, seen[:, 0] + seen[:, -1]
 
 
 def _advance(solution: Step, motion: Motion, u: Array) -> Motion:
@@ -303,7 +321,7 @@ def _advance(solution: Step, motion: Motion, u: Array) -> Motion:
     plane[:, : GUST + 1] = np.matmul(solution.plane, plane[:, :, None])[..., 0]
     position = motion.position + turned.T @ plane[:, P]
     plane[:, _IN_WORLD] = turned.T @ plane[:, _IN_WORLD]
-    return Motion(position, plane, z, yaw)
+    return Motion(position, plane, z, yaw, motion.camera_bias)
 
 
 def _turn(yaw: float) -> Array:

@@ -96,6 +96,16 @@ class HasExtraStates(Protocol):
         ...
 
 
+@runtime_checkable
+class StateReader(Protocol):
+    """A law that reads further states of the estimates."""
+
+    @property
+    def estimated_states(self) -> tuple[NamedState, ...]:
+        """Names and units of the first further states that an estimate must have."""
+        ...
+
+
 def flat_derivatives(law: object) -> int:
     """Return the highest derivative of the flat outputs that a law reads; 0 for one that reads states and inputs."""
     return law.flat_derivatives if isinstance(law, DerivativeReader) else 0

@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 from controllers.condensed_qp import CondensedQp, Weights, riccati_terminal_weight, sqrt_weight
 from controllers.detailed_flatness import HIGHEST_DERIVATIVE, detailed_reference
 from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisation, Disturbances
-from controllers.detailed_model import EXTRA_STATES, N_DETAILED, DetailedModel
+from controllers.detailed_model import ESTIMATED_STATES, EXTRA_STATES, N_DETAILED, DetailedModel
 from controllers.ltv import Ltv
 from controllers.receding import RecedingHorizon, without_turns
 from controllers.signals import Array, Estimate, NamedState, Reference
@@ -68,6 +68,11 @@ class DetailedMpc:
     def flat_derivatives(self) -> int:
         """Highest derivative of the flat outputs that it reads."""
         return HIGHEST_DERIVATIVE
+
+    @property
+    def estimated_states(self) -> tuple[NamedState, ...]:
+        """The further states that it reads from estimates."""
+        return ESTIMATED_STATES
 
     @property
     def extra_states(self) -> tuple[NamedState, ...]:
