@@ -1,6 +1,7 @@
 """The paper's controller: linear time-varying model predictive control, (10)-(26), solved by ProxQP."""
 
 from dataclasses import dataclass, field
+from math import hypot
 from typing import Annotated, Literal
 
 import numpy as np
@@ -33,6 +34,9 @@ class LtvMpc:
     discretisation: Annotated[Discretisation, doc("of the linear model (17)")] = "euler"
     terminal: Annotated[Literal["paper", "riccati"], doc("Q_f = Q, or the Riccati cost-to-go")] = "paper"
     k_i: Annotated[float, Ge(0), Unit("1/s"), doc("gain of the integral states in (1)")] = 2.0
+    integral_zone: Annotated[
+        float, Gt(0), Unit("m"), doc("anti-windup: beyond this horizontal error the integral states rest")
+    ] = 0.3
     offset_free: Annotated[
         Literal["off", "z", "all"], doc("axes on which the estimated disturbance is predicted and cancelled")
     ] = "off"
@@ -92,7 +96,9 @@ class LtvMpcController(RecedingHorizon):
         """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
         spec = self._spec
         error = estimate.x[:2] - reference.x[0, :2]
-        self._integral += self._half_step * (error + self._last_error)
+        # A helicopter on its way to a distant reference is not pushed away by anything.
+        if hypot(*error.tolist()) <= spec.integral_zone:
+            self._integral += self._half_step * (error + self._last_error)
         self._last_error = error
         push, u_ref = NO_PUSH, reference.u
         if spec.offset_free != "off":

@@ -19,7 +19,8 @@ class Pid:
 
     The position error is rotated to the body frame, so that pitch corrects the error ahead and roll the error to port.
     The hover thrust is fed forward. The derivative acts on the estimated velocity, so that a step of the reference
-    gives no peak. The integrals are kept in the world frame, where a steady push is constant while the helicopter
+    gives no peak; `derivative = "error"` lets it act on the error's rate instead, so that a moving reference is not
+    braked. The paper does not say which of the two it flew. The integrals are kept in the world frame, where a steady push is constant while the helicopter
     turns; each stops while its input is at its limit.
 
     The gains began as those of Ziegler and Nichols on the twin and were scaled by hand while that lowered (26) on steps
@@ -33,6 +34,9 @@ class Pid:
     feed_forward: Annotated[
         Literal["none", "flat"], doc("feedback only, as in the paper, or with the planned inputs and velocities")
     ] = "none"
+    derivative: Annotated[
+        Literal["velocity", "error"], doc("of the measurement alone, or of the error; with feed_forward always of the error")
+    ] = "velocity"
     p_x: Annotated[float, Ge(0), Unit("stick/m"), doc("ahead, proportional")] = 3.5
     i_x: Annotated[float, Ge(0), Unit("stick/(m s)"), doc("ahead, integral")] = 0.7
     d_x: Annotated[float, Ge(0), Unit("stick s/m"), doc("ahead, derivative")] = 2.1
@@ -78,9 +82,11 @@ class PidController:
         error = _rotated(x_ref[:4] - x[:4], -x[3])
         error[3] = wrap_angle(error[3])
         u, velocity_error = self._hover, -x[4:]
-        if self._spec.feed_forward == "flat":
+        if self._spec.feed_forward == "flat" or self._spec.derivative == "error":
             # The planned velocity in the body frame of the estimated yaw, not of the planned yaw.
-            u, velocity_error = reference.u[0], _rotated(x_ref[4:], x_ref[3] - x[3]) - x[4:]
+            velocity_error = _rotated(x_ref[4:], x_ref[3] - x[3]) - x[4:]
+        if self._spec.feed_forward == "flat":
+            u = reference.u[0]
         integral = _rotated(self._integral, -x[3])
         u = u + self._p * error + self._i * integral + self._d * velocity_error
         # At a limit, an integral may only change in the direction that leaves the limit.

@@ -55,6 +55,8 @@ PAST: dict[str, Past] = {
     f"{_KALMAN}.floor": Past(4, 0.0),
     "heli_twin.experiment.Experiment.supervisor": Past(4, {"kind": "off"}),
     "heli_twin.experiment.Experiment.excitation": Past(4, {"kind": "off"}),
+    "controllers.laws.ltv_mpc.LtvMpc.integral_zone": Past(4, 1e9),
+    "controllers.laws.pid.Pid.derivative": Past(4, "velocity"),
     "controllers.trajectories.takeoff_and_landing.TakeoffAndLanding.stand": Past(4, 0.0),
 }
 """Past values by the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
