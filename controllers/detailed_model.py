@@ -124,7 +124,7 @@ def step(model: DetailedModel, dt: float) -> Step:
 
 
 def exponential(M: Array) -> Array:
-    """Return the matrix exponential of M (n, n): a Taylor polynomial, scaled and squared; relative error about 1e-14."""
+    """Return the matrix exponential of M (n, n): a Taylor polynomial, scaled and squared."""
     norm = float(np.abs(M).sum(axis=0).max())
     squarings = max(0, ceil(log2(norm)) + 1) if norm > 0.0 else 0
     M = M / 2.0**squarings

@@ -45,7 +45,7 @@ class Subsystem:
     ) -> None:
         self.states, self.inputs, self.constant = np.array(states), np.array(inputs), constant
         self.velocities = 4 + self.inputs
-        """(m,) indices, among those of the model, of the states that the inputs drive: vx vy vz (m/s) or yaw rate (rad/s)."""
+        """(m,) indices, in the model, of the states that the inputs drive: vx vy vz (m/s) or yaw rate (rad/s)."""
         self.own_velocities = np.searchsorted(self.states, self.velocities)
         """(m,) indices of the same states among the subsystem's own."""
         self._A = (of * self.states[:, None] + self.states).ravel()

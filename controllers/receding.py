@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from controllers.condensed_qp import CondensedQp, Condenser, Limits, Weights
-from controllers.laws import safe_hover
+from controllers.fallback import safe_hover
 from controllers.ltv import Ltv, Subsystem, shift
 from controllers.model import Model
 from controllers.proxqp import ProxQp, Solution

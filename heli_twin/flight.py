@@ -9,7 +9,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from controllers.errors import LawFailed
-from controllers.laws import closed_after, flat_derivatives, safe_hover
+from controllers.fallback import safe_hover
+from controllers.laws import closed_after, flat_derivatives
 from controllers.markers import by_name
 from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, nanoseconds

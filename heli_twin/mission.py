@@ -197,7 +197,11 @@ def _check_contracts(e: Experiment) -> None:
         raise ExperimentError(f"trajectory does not give what the controller reads: {error}") from None
     read = e.controller.estimated_states if isinstance(e.controller, StateReader) else ()
     if extra_states(e.estimator)[: len(read)] != read:
-        able = [kind for kind, spec in members("controllers.estimators").items() if extra_states(spec())[: len(read)] == read]
+        able = [
+            kind
+            for kind, spec in members("controllers.estimators").items()
+            if extra_states(spec())[: len(read)] == read
+        ]
         raise ExperimentError(
             f"controller: {type(e.controller).__name__} reads states such as {read[0].name}, which the estimator"
             f" {type(e.estimator).__name__} does not give; take estimator={' or '.join(able) or 'one that does'}"

@@ -304,7 +304,7 @@ class DetailedKalmanFilter:
 
 
 def _seen(covariance: Array) -> tuple[Array, Array]:
-    """Covariances (m, n) of m camera readings, position plus slow error, with n states each, and their variances (m,)."""
+    """Covariances (m, n) of m camera readings (position plus slow error) with n states each, and variances (m,)."""
     seen = covariance[:, 0] + covariance[:, -1]
     return seen, seen[:, 0] + seen[:, -1]
 

@@ -114,8 +114,3 @@ def flat_derivatives(law: object) -> int:
 def extra_states(spec: object) -> tuple[NamedState, ...]:
     """Return names and units of the further states of a law or an estimator; none for most."""
     return tuple(NamedState(*state) for state in spec.extra_states) if isinstance(spec, HasExtraStates) else ()
-
-
-def safe_hover(model: Model, now: int) -> Command:
-    """Return the command that is sent without a usable estimate or plan: level, with the believed hover thrust."""
-    return Command(now, np.array(model.u_hover), qp=QpReport("safe_hover", 0, 0, 0.0, 0.0))

@@ -27,8 +27,8 @@ class DetailedMpc:
     estimated gust is part of the prediction. Its terminal weight is the Riccati cost-to-go, gusts included. The states
     that it needs come from `estimator.kind = "detailed_kalman"`.
 
-    The weights of pitch and roll inputs are 0.014 of those of position: smaller ones err less on the nominal helicopter and
-    come near a limit cycle when its attitude is faster or slower than believed, from 10 to 18 rad/s.
+    The weights of pitch and roll inputs are 0.014 of those of position: smaller ones err less on the nominal helicopter
+    and come near a limit cycle when its attitude is faster or slower than believed, from 10 to 18 rad/s.
     """
 
     kind: Literal["detailed_mpc"] = "detailed_mpc"

@@ -38,7 +38,7 @@ import numpy as np
 from annotated_types import Ge, Le, MaxLen, Unit, doc
 
 from controllers.errors import LawFailed
-from controllers.laws import safe_hover
+from controllers.fallback import safe_hover
 from controllers.line_process import LineProcess, ProcessFailed
 from controllers.model import Model
 from controllers.programs import Program, named, program_at, unpacked

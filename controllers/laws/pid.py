@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le, Unit, doc
 
-from controllers.laws import safe_hover
+from controllers.fallback import safe_hover
 from controllers.model import Model
 from controllers.rotations import wrap_angle
 from controllers.signals import Array, Command, Estimate, Reference
@@ -20,8 +20,8 @@ class Pid:
     The position error is rotated to the body frame, so that pitch corrects the error ahead and roll the error to port.
     The hover thrust is fed forward. The derivative acts on the estimated velocity, so that a step of the reference
     gives no peak; `derivative = "error"` lets it act on the error's rate instead, so that a moving reference is not
-    braked. The paper does not say which of the two it flew. The integrals are kept in the world frame, where a steady push is constant while the helicopter
-    turns; each stops while its input is at its limit.
+    braked. The paper does not say which of the two it flew. The integrals are kept in the world frame, where a steady
+    push is constant while the helicopter turns; each stops while its input is at its limit.
 
     The gains began as those of Ziegler and Nichols on the twin and were scaled by hand while that lowered (26) on steps
     under gusts: a step overshoots by about a tenth, and the gains of an axis can be doubled before it oscillates.
@@ -35,7 +35,8 @@ class Pid:
         Literal["none", "flat"], doc("feedback only, as in the paper, or with the planned inputs and velocities")
     ] = "none"
     derivative: Annotated[
-        Literal["velocity", "error"], doc("of the measurement alone, or of the error; with feed_forward always of the error")
+        Literal["velocity", "error"],
+        doc("of the measurement alone, or of the error; with feed_forward always of the error"),
     ] = "velocity"
     p_x: Annotated[float, Ge(0), Unit("stick/m"), doc("ahead, proportional")] = 3.5
     i_x: Annotated[float, Ge(0), Unit("stick/(m s)"), doc("ahead, integral")] = 0.7

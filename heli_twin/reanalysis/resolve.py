@@ -17,7 +17,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from controllers.errors import LawFailed
-from controllers.laws import Controller, closed_after, flat_derivatives, safe_hover
+from controllers.fallback import safe_hover
+from controllers.laws import Controller, closed_after, flat_derivatives
 from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
 from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, Pose, QpReport, Reference, nanoseconds
