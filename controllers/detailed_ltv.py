@@ -1,7 +1,7 @@
 """The detailed model along the last plan: the nominal trajectory, its linear model and its reference.
 
 The linear model leaves out the same coupling as the paper's: horizontal motion turns along with the nominal heading,
-but does not depend on changes of it. Along a given heading the horizontal motion is linear, so that its matrices are exact.
+but does not depend on changes of it. Along a given heading it is linear, so that its matrices are exact.
 """
 
 from typing import NamedTuple

@@ -4,10 +4,8 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-
 from controllers.model import Model
-from controllers.signals import Command, Estimate, NamedState, QpReport, Reference
+from controllers.signals import Command, Estimate, NamedState, Reference
 
 
 class Controller(Protocol):
