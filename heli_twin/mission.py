@@ -20,7 +20,7 @@ from controllers.laws.external import External
 from controllers.model import GRAVITY
 from controllers.proxqp import BUILD_TROUBLE
 from controllers.reference import check_feasible
-from controllers.signals import nanoseconds
+from controllers.signals import NamedState, nanoseconds
 from controllers.trajectories import derivatives, fitted
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
@@ -195,7 +195,7 @@ def _check_contracts(e: Experiment) -> None:
         derivatives(fitted(e.trajectory, e.controller.model), np.zeros(1), flat_derivatives(e.controller))
     except MissingDerivatives as error:
         raise ExperimentError(f"trajectory does not give what the controller reads: {error}") from None
-    read = e.controller.estimated_states if isinstance(e.controller, StateReader) else ()
+    read: tuple[NamedState, ...] = e.controller.estimated_states if isinstance(e.controller, StateReader) else ()
     if extra_states(e.estimator)[: len(read)] != read:
         able = [
             kind
