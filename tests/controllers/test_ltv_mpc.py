@@ -115,7 +115,7 @@ class Transcription:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_plan_is_the_minimiser_of_the_printed_problem(coupling, discretisation, seed, minimiser):
     rng = np.random.default_rng(seed)
-    spec = LtvMpc(horizon=7, coupling=coupling, discretisation=discretisation)
+    spec = LtvMpc(horizon=7, coupling=coupling, discretisation=discretisation, integral_zone=10.0)
     reference = planned(Circle(rate=1.5), 200, spec.steps)
     x = reference.x[0] + rng.uniform(-1, 1, 8) * [1, 1, 1, 1, 1, 1, 1, 10]
     command = decided(spec.start(), 0, x, reference)
