@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm, null_space, solve_discrete_are
 
+from controllers import receding
 from controllers.flatness import feed_forward, state
-from controllers.laws import ltv_mpc
 from controllers.laws.ltv_mpc import LtvMpc
 from controllers.ltv import Linearisation
 from controllers.model import Model, advance
@@ -158,7 +158,7 @@ class Failing:
 
     def __init__(self, monkeypatch, fails):
         self._fails, self._calls, self.solve_ns = fails, 0, 0
-        monkeypatch.setattr(ltv_mpc, "ProxQp", self._of_sample)
+        monkeypatch.setattr(receding, "ProxQp", self._of_sample)
 
     def _of_sample(self, sample, inputs):
         self._solver = ProxQp(sample, inputs)
