@@ -2,7 +2,7 @@
 
 import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +75,7 @@ def _of_airframe(file: Path) -> "Iterator[Verdict]":
     yield from verdicts("heli_twin.lab.plant", lambda: Airframe(model=text))
 
 
-def _members(what: str) -> list[tuple[str, str, Callable[[], Any] | None]]:
+def _members(what: str) -> Sequence[tuple[str, str, Callable[[], Any] | None]]:
     """What is to be checked: family, name, and what makes the member with its defaults; None for an airframe's file."""
     from controllers.laws.external import External
     from heli_twin.experiment.families import FamilyError, is_reference, specs_at

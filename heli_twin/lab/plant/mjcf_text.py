@@ -19,6 +19,7 @@ MAX_TEXT_BYTES = 256 * 1024
 """Largest MJCF, without its mesh files."""
 MAX_MESH_BYTES = 1024 * 1024
 """Largest sum of mesh files."""
+MESH_LIMIT = f"more than {MAX_MESH_BYTES:,} bytes: leave out those that are only looked at, they are drawn as boxes"
 MAX_ELEMENTS, MAX_DEPTH = 5000, 40
 MAX_ITERATIONS = 200
 """Of the engine's solvers; MuJoCo's default is 100."""
@@ -62,10 +63,11 @@ def read_text(file: Path) -> str:
         if name := mesh.get("file"):
             path = _beside(file, below, name)
             mesh.set("file", path.name)
-            left = MAX_MESH_BYTES - sum(len(data) for key, data in packed.items() if key != path.name)
-            data = _bytes(path, left, f"with the other meshes, of which {MAX_MESH_BYTES:,} bytes are allowed,")
+            data = _bytes(path, MAX_MESH_BYTES, "mesh files")
             if packed.setdefault(path.name, data) != data:
                 raise ValueError(f"has two mesh files of the name {path.name}: rename one")
+            if sum(map(len, packed.values())) > MAX_MESH_BYTES:
+                raise ValueError(f"names mesh files of {MESH_LIMIT}")
     if packed:
         custom = ET.SubElement(root, "custom")
         for name, data in sorted(packed.items()):
@@ -210,7 +212,7 @@ def _files(root: ET.Element) -> dict[str, bytes]:
             raise ValueError(f"holds the mesh file {clean(name, 60)!r} in no base64") from None
     total = sum(map(len, files.values()))
     if total > MAX_MESH_BYTES:
-        raise ValueError(f"holds {total:,} bytes of mesh files: at most {MAX_MESH_BYTES:,} are allowed")
+        raise ValueError(f"holds mesh files of {MESH_LIMIT}")
     return files
 
 
@@ -241,7 +243,7 @@ def _bytes(file: Path, most: int, what: str) -> bytes:
     with file.open("rb") as stream:
         data = stream.read(most + 1)
     if len(data) > most:
-        raise ValueError(f"is too large: {clean(file.name, 60)} has more than {most:,} bytes, {what} may have no more")
+        raise ValueError(f"is too large: {clean(file.name, 60)} has more than the {most:,} bytes that {what} may have")
     return data
 
 

@@ -13,7 +13,7 @@ from heli_twin import Experiment, HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.experiment.tree import canonical_json, from_json, toml_of
 from heli_twin.lab.plant import STILL_AIR, Air, physical_state
-from heli_twin.lab.plant.airframe import Airframe
+from heli_twin.lab.plant.airframe import Airframe, shape_of
 from heli_twin.lab.plant.mjcf_text import MAX_MESH_BYTES, MAX_TEXT_BYTES
 from heli_twin.lab.plant.mujoco import MuJoCo, model_file
 
@@ -253,6 +253,24 @@ def test_it_is_drawn_from_its_geoms():
     assert foot.centre == pytest.approx((0.05, 0.05, -0.01))
 
 
+def test_a_text_that_does_not_compile_is_drawn_as_a_ball():
+    """A log is foreign, and can be looked at all the same."""
+    (ball,) = shape_of(Airframe(model="<mujoco/>"))
+    assert ball.kind == "sphere"
+    assert shape_of(MuJoCo()) == ()
+
+
+def test_check_says_what_is_kept_and_what_is_not(tmp_path, capsys):
+    assert main(["check", str(QUADROTOR)]) == 0
+    assert "kept    It keeps the contract of an airframe." in capsys.readouterr().out
+    (tmp_path / "bad.xml").write_text(changed(("<freejoint/>", "")))
+    assert main(["check", str(tmp_path / "bad.xml")]) == 1
+    out = capsys.readouterr().out
+    assert "broken  It keeps the contract of an airframe." in out
+    assert "fuselage has no free joint" in out
+    assert main(["check", str(tmp_path / "none.xml")]) == 2
+
+
 # --- meshes ---------------------------------------------------------------------------------------------------------
 
 TETRAHEDRON = "v 0 0 0\nv 0.02 0 0\nv 0 0.02 0\nv 0 0 0.02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
@@ -279,7 +297,14 @@ def test_mesh_files_are_bounded(tmp_path):
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "hull.obj").write_text(TETRAHEDRON + "#" * MAX_MESH_BYTES)
     (tmp_path / "quad.xml").write_text(changed(*WITH_MESH))
-    with pytest.raises(HeliTwinError, match=r"hull\.obj has more than 1,048,576 bytes"):
+    with pytest.raises(HeliTwinError, match=r"hull\.obj has more than the 1,048,576 bytes"):
+        load("lab", [f"plant.model={tmp_path / 'quad.xml'}"])
+
+    (tmp_path / "meshes" / "hull.obj").write_text(TETRAHEDRON + "#" * (MAX_MESH_BYTES // 2))
+    (tmp_path / "meshes" / "more.obj").write_text(TETRAHEDRON + "#" * (MAX_MESH_BYTES // 2))
+    two = changed(*WITH_MESH).replace("<asset>", '<asset><mesh file="more.obj"/>')
+    (tmp_path / "quad.xml").write_text(two)
+    with pytest.raises(HeliTwinError, match=r"mesh files of more than 1,048,576 bytes"):
         load("lab", [f"plant.model={tmp_path / 'quad.xml'}"])
 
 
@@ -302,7 +327,7 @@ REFUSALS = {
     "entities": ('<!DOCTYPE m [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><mujoco model="&b;"/>', "a document type"),
     "too deep": ("<mujoco>" + "<body>" * 5000 + "</body>" * 5000 + "</mujoco>", "deeper than 40"),
     "too many": ("<mujoco>" + "<body/>" * 6000 + "</mujoco>", "more than 5000 elements"),
-    "too large": ("<mujoco>" + " " * MAX_TEXT_BYTES + "</mujoco>", "more than 262,144 bytes"),
+    "too large": ("<mujoco>" + " " * MAX_TEXT_BYTES + "</mujoco>", "more than the 262,144 bytes"),
     "include": (("<worldbody>", '<include file="/etc/passwd"/><worldbody>'), "<include>: put its text"),
     "plugin": (("<worldbody>", '<extension><plugin plugin="a"/></extension><worldbody>'), "loads no code"),
     "replicate": (('<site name="world"/>', '<replicate count="1000000"><body/></replicate>'), "<replicate>"),
