@@ -188,7 +188,8 @@ def _inputs(answer: str, now: int) -> Array:
     if len(words) != 1 + NU:
         raise ProcessFailed(f"it has to answer with {1 + NU} numbers, not {len(words)}: {_shown(answer)}")
     try:
-        time, *inputs = map(float, words)
+        # Python alone reads 1_000.
+        time, *inputs = (float(word.replace("_", "?")) for word in words)
     except ValueError:
         raise ProcessFailed(f"it answered what is no row of numbers: {_shown(answer)}") from None
     if time != now:

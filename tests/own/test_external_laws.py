@@ -9,21 +9,28 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from controllers import programs
-from controllers.laws import closed_after
-from controllers.laws.external import LIMIT_VARIABLE, External
-from controllers.signals import Estimate, Reference
+from controllers.laws import closed_after, safe_hover
+from controllers.laws.external import LIMIT_VARIABLE, External, _inputs
+from controllers.line_process import ProcessFailed
+from controllers.model import Model
+from controllers.signals import Command, Estimate, Reference
 from heli_twin import Experiment, HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.conformance import CHECKS
 from heli_twin.experiment.tree import canonical_json, from_json
+from heli_twin.flight import Flight
 from heli_twin.mission import Result
+from heli_twin.recording import Recorder
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 SHORT = ["duration=0.6", "trajectory=hover", "controller=external"]
@@ -419,3 +426,53 @@ def test_without_a_finite_estimate_it_is_not_asked(here: Path) -> None:
     with closed_after(law.start()) as controller:
         command = controller.step(0, lost, Reference(0, np.ones((2, 8)), np.zeros((1, 4))))
     assert command.u.tolist() == list(law.model.u_hover)
+
+
+@given(st.text(st.characters(codec="ascii"), max_size=80) | st.lists(st.floats(), min_size=4, max_size=6).map(repr))
+def test_any_answer_is_four_inputs_or_refused_in_one_sentence(answer: str) -> None:
+    try:
+        inputs, reason = _inputs(answer, 20), ""
+    except ProcessFailed as error:
+        inputs, reason = np.zeros(4), str(error)
+    assert inputs.shape == (4,)
+    assert (np.abs(inputs) <= 1.0).all()
+    assert len(reason) < 300
+    assert _inputs("20.0 -1 1 0.5 1e-3\r", 20).tolist() == [-1.0, 1.0, 0.5, 0.001]
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A law of a user's own that holds something and is interrupted in its tenth step."""
+
+    kind: Literal["held"] = "held"
+    period: float = 0.02
+    error: type[BaseException] = KeyboardInterrupt
+    steps: int = 1
+    model: Model = field(default_factory=Model)
+
+    def start(self) -> "Held":
+        RELEASED.clear()
+        return self
+
+    def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
+        if now >= 200_000_000:
+            raise self.error
+        return safe_hover(self.model, now)
+
+    def explain(self, command: Command) -> Command:
+        return command
+
+    def close(self) -> None:
+        RELEASED.append(self)
+
+
+RELEASED: list[Held] = []
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ZeroDivisionError])
+def test_any_law_that_can_be_closed_is_closed(error: type[BaseException]) -> None:
+    plant, recorder = Experiment().plant.start(np.array([0.0, 0, 1, 0, 0, 0, 0, 0])), Recorder()
+    law = Held(error=error)
+    with pytest.raises(error):
+        Flight(replace(load("lab", SHORT[:2]), controller=law), plant, recorder).run()
+    assert [law] == RELEASED
