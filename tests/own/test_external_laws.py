@@ -19,7 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers import programs
-from controllers.laws import closed_after, safe_hover
+from controllers.fallback import safe_hover
+from controllers.laws import closed_after
 from controllers.laws.external import LIMIT_VARIABLE, External, _inputs
 from controllers.line_process import ProcessFailed
 from controllers.model import Model
