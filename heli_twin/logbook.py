@@ -2,8 +2,10 @@
 
 import os
 import platform
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -18,8 +20,8 @@ from controllers.proxqp import BUILD
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import HELI_TWIN, origin_of
-from heli_twin.experiment.own import OWN, other_program, other_sources
+from heli_twin.experiment.families import origin_of, source_of
+from heli_twin.experiment.own import OWN, other_program, other_sources, own_classes
 from heli_twin.experiment.past import PHYSICS_VERSION, UNRECORDED_VERSION
 from heli_twin.experiment.tree import (
     ExperimentError,
@@ -34,6 +36,7 @@ from heli_twin.lab.plant.airframe import shape_of
 from heli_twin.recording import Attachment, Log, Recorder
 from heli_twin.recording.state_names import EXTRA_STATES, names_of
 from heli_twin.recording.writer import Listener
+from heli_twin.whole_file import whole_file
 
 LOGGED_PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
 """Packages whose versions are in every log."""
@@ -105,6 +108,7 @@ def begin_log(
     *,
     metadata: Mapping[str, str] | None = None,
     mjcf: str = "",
+    sources: Sequence[Attachment] = (),
     listeners: Sequence[Listener] = (),
 ) -> Recorder:
     """Open a log and write what every log begins with: the experiment and its provenance.
@@ -114,12 +118,13 @@ def begin_log(
         experiment: The experiment that is flown.
         metadata: Facts beside `provenance`, such as the origin of the log.
         mjcf: The simulated plant as MJCF; empty if there is none.
+        sources: Sources of classes of the user's own, as `own_source` gives them.
         listeners: Called with every message.
 
     Raises:
         LogError: The file exists already or cannot be written.
     """
-    attachments = [Attachment("experiment.toml", "application/toml", toml_of(experiment).encode())]
+    attachments = [Attachment("experiment.toml", "application/toml", toml_of(experiment).encode()), *sources]
     if mjcf:
         attachments.append(Attachment("plant.xml", "application/xml", mjcf.encode()))
     return Recorder(
@@ -187,20 +192,55 @@ def own_notices(log: Log) -> list[str]:
 
 def _own_origins(experiment: Experiment) -> dict[str, str]:
     """For the log's metadata: the file name, import path or package of each class of a user's own."""
-    origins: dict[str, str] = {}
-    for name in GROUPED_FIELDS:
-        parts = getattr(experiment, name)
-        for part in parts if isinstance(parts, tuple) else (parts,):
-            spec = type(getattr(part, "member", part))
-            if (origin := origin_of(spec)) != HELI_TWIN:
-                origins[f"own.{name}.{spec.__name__}"] = origin
-    return origins
+    return {f"own.{path}.{spec.__name__}": origin_of(spec) for path, spec in own_classes(experiment)}
 
 
-GROUPED_FIELDS = (
-    *("trajectory", "controller", "estimator", "supervisor", "excitation", "plant", "disturbances", "faults"),
-)
-"""Parts of an experiment that may be of a class of a user's own."""
+SOURCES = "own_source/"
+"""Begin of the names of attachments that hold the source of a class of a user's own."""
+
+
+def own_source(experiment: Experiment) -> list[Attachment]:
+    """The sources of the classes of a user's own in an experiment, as attachments of its log; nothing executes them.
+
+    Raises:
+        ExperimentError: There is no such class, or one has no file with its source.
+    """
+    sources: dict[str, bytes] = {}
+    for path, spec in own_classes(experiment):
+        sources[f"{SOURCES}{spec.__name__}.py"] = source_of(spec)
+        if not source_of(spec):
+            raise ExperimentError(f"{path} is of the class {spec.__name__}, which has no file with its source to embed")
+    if not sources:
+        raise ExperimentError("there is no source to embed: every part of this experiment is heli_twin's own")
+    return [Attachment(name, "text/x-python", data) for name, data in sources.items()]
+
+
+def write_own_source(log: Log, folder: Path) -> list[Path]:
+    """Write the embedded sources of a log to a folder, all or none; nothing executes them.
+
+    Raises:
+        HeliTwinError: The log has none, a file exists already or cannot be written.
+    """
+    names = {name: name.removeprefix(SOURCES) for name in log.attachments if name.startswith(SOURCES)}
+    files = {
+        folder / short: log.attachments[name].data for name, short in names.items() if _CLASS_FILE.fullmatch(short)
+    }
+    if not files:
+        raise HeliTwinError("the log has no embedded source: only a flight with --embed-source keeps it")
+    present = next((path for path in files if path.exists()), None)
+    if present is not None:
+        raise HeliTwinError(f"{present} exists already: choose another folder or move it away")
+    try:
+        with ExitStack() as all_or_none:
+            for path, data in files.items():
+                all_or_none.enter_context(whole_file(path)).write_bytes(data)
+    except OSError as error:
+        raise HeliTwinError(f"{folder} cannot be written: {error.strerror or error}") from None
+    return [*files]
+
+
+_CLASS_FILE = re.compile(r"[A-Za-z_]\w{0,99}\.py", re.ASCII)
+"""A name of a file that a foreign log may give: without a folder in it."""
 
 
 def physics_version(log: Log) -> int:

@@ -29,9 +29,9 @@ from heli_twin.experiment.tree import ExperimentError, tree_of
 from heli_twin.flight import INVALID, Flight, Outcome
 from heli_twin.lab.plant import Plant
 from heli_twin.lab.plant.mujoco import MuJoCo
-from heli_twin.logbook import begin_log, planned_path
+from heli_twin.logbook import begin_log, own_source, planned_path
 from heli_twin.metrics.tracking import metrics
-from heli_twin.recording import Log, LogExistsError, Recorder, read_log
+from heli_twin.recording import Attachment, Log, LogExistsError, Recorder, read_log
 from heli_twin.recording.state_names import trouble_with
 from heli_twin.recording.writer import Listener
 from heli_twin.whole_file import free_path
@@ -89,6 +89,7 @@ def fly(
     log_dir: Path | str | None = "logs",
     rerun: str | None = None,
     progress: Callable[[float], None] = lambda t: None,
+    embed_source: bool = False,
 ) -> Result:
     """Fly one experiment.
 
@@ -98,6 +99,8 @@ def fly(
         rerun: Rerun viewer or file that shows the flight: `spawn`, `connect`, or a path that ends in `.rrd`; None for
             no pictures.
         progress: Called with the simulated time, s, at every control step.
+        embed_source: Attach the source of classes of your own to the log. It is no part of the digest, and nothing
+            executes it.
 
     Returns:
         The outcome and the log. A crash is an outcome and raises nothing, and so is the failure of a control law's own
@@ -111,8 +114,9 @@ def fly(
     if isinstance(experiment.controller, External):
         require_program(experiment.controller)
     plant = _start(experiment)
+    sources = own_source(experiment) if embed_source else []
     pictures = _pictures(experiment, rerun)
-    recorder = _begin_log(log_dir, experiment, plant, [pictures] if pictures else [])
+    recorder = _begin_log(log_dir, experiment, plant, sources, [pictures] if pictures else [])
     with recorder, closing(pictures) if pictures else nullcontext():
         recorder.reference_path(0, planned_path(experiment))
         began = perf_counter()
@@ -246,7 +250,11 @@ def _pictures(experiment: Experiment, rerun: str | None) -> "Live | None":
 
 
 def _begin_log(
-    folder: Path | str | None, experiment: Experiment, plant: Plant, listeners: Sequence[Listener]
+    folder: Path | str | None,
+    experiment: Experiment,
+    plant: Plant,
+    sources: Sequence[Attachment],
+    listeners: Sequence[Listener],
 ) -> Recorder:
     """Begin a log with a name of time, kinds and seed that no other process uses at the same time."""
     kinds = [tree_of(experiment)[part]["kind"] for part in ("plant", "trajectory", "controller")]
@@ -254,7 +262,7 @@ def _begin_log(
     while True:
         path = None if folder is None else free_path(Path(folder) / f"{stem}.mcap")
         try:
-            return begin_log(path, experiment, mjcf=plant.description(), listeners=listeners)
+            return begin_log(path, experiment, mjcf=plant.description(), sources=sources, listeners=listeners)
         except LogExistsError:
             # Another process took the name since `free_path` returned it: try the next one.
             continue

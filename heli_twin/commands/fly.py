@@ -39,6 +39,11 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--rerun", metavar="spawn|connect|FILE.rrd", help="stream to a viewer or a Rerun file while flying"
     )
+    parser.add_argument(
+        "--embed-source",
+        action="store_true",
+        help="attach the source of your own control law, trajectory, ... to the log; its hash is there in any case",
+    )
     parser.add_argument("--json", action="store_true", help="print the result as JSON, for programs")
 
 
@@ -58,6 +63,7 @@ def run(parsed: Namespace) -> int:
             log_dir=None if parsed.no_log else parsed.log_dir,
             rerun=parsed.rerun,
             progress=lambda t: bar.update(task, completed=t),
+            embed_source=parsed.embed_source,
         )
     summary = result.summary()
     if parsed.json:

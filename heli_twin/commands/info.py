@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import command, file_path, say
-from heli_twin.terminal_text import clean
+from heli_twin.terminal_text import clean, pasteable
 
 if TYPE_CHECKING:
     from heli_twin.recording import Log
@@ -104,6 +104,8 @@ def show(facts: dict[str, Any]) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from heli_twin.logbook import SOURCES
+
     say(f"{'file':<16} {facts['file']}, {facts['size'] / 1e6:.2f} MB")
     rows = [
         ("experiment", _experiment(facts)),
@@ -114,6 +116,9 @@ def show(facts: dict[str, Any]) -> None:
         *facts["metadata"].items(),
         ("attachments", ", ".join(f"{name} ({size} bytes)" for name, size in facts["attachments"].items())),
     ]
+    if sources := [name.removeprefix(SOURCES) for name in facts["attachments"] if name.startswith(SOURCES)]:
+        take_out = pasteable("heli-twin", "export", facts["file"], "--source", "DIR")
+        rows.append(("source", f"{', '.join(sources)} embedded; {take_out} takes it out"))
     if facts["recovered"]:
         rows.append(("recovered", "yes: this is what was saved of a broken log"))
     for key, value in rows:

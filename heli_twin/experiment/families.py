@@ -297,15 +297,20 @@ _sources: dict[str, bytes] = {}
 """Of each module that was made from a user's file: its source."""
 
 
+def source_of(spec: type) -> bytes:
+    """The source of the module that defines a class; empty where there is none, as in a prompt."""
+    if spec.__module__ in _sources:
+        return _sources[spec.__module__]
+    try:
+        return inspect.getsource(sys.modules[spec.__module__]).encode()
+    except (OSError, TypeError, KeyError):
+        return b""
+
+
 def source_hash(spec: type) -> str:
-    """A hash of the source of the module that defines a class; `unknown` where there is none, as in a prompt."""
-    source = _sources.get(spec.__module__)
-    if source is None:
-        try:
-            source = inspect.getsource(sys.modules[spec.__module__]).encode()
-        except (OSError, TypeError, KeyError):
-            return "unknown"
-    return hashlib.sha256(b"\n".join(source.splitlines())).hexdigest()[:16]
+    """A hash of the source of the module that defines a class; `unknown` where there is none."""
+    source = source_of(spec)
+    return hashlib.sha256(b"\n".join(source.splitlines())).hexdigest()[:16] if source else "unknown"
 
 
 def _module_of(file: Path) -> ModuleType:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, get_args
 
 from controllers.laws.external import External
-from controllers.markers import EachOf
+from controllers.markers import EachOf, by_name
 from controllers.programs import at_hand, is_marked
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import GROUPS, HELI_TWIN, all_members, source_hash
@@ -37,6 +37,18 @@ def own_class(value: Any, info: FieldInfo) -> str:
 def mark_of(spec: type) -> str:
     """The mark of a class of a user's own."""
     return f"{spec.__name__}, source {source_hash(spec)}"
+
+
+def own_classes(spec: Any, here: str = "") -> Iterator[tuple[str, type]]:
+    """Yield the dotted path and the class of each part of an experiment that is of a class of a user's own."""
+    for name, info in fields_of(type(spec)).items():
+        if info.adapter is not None:
+            continue
+        value, path = getattr(spec, name), f"{here}{name}"
+        for part in by_name(value).values() if isinstance(info.family, EachOf) else (value,):
+            if own_class(part, info):
+                yield path, type(part)
+            yield from own_classes(part, f"{path}.")
 
 
 def without_mark(table: Any, path: str, package: str | None = None) -> Any:

@@ -15,6 +15,8 @@ import pytest
 from heli_twin import Experiment, HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.experiment import families
+from heli_twin.logbook import write_own_source
+from heli_twin.recording import Attachment, Recorder
 from heli_twin.studies.campaign import run_study
 from heli_twin.studies.plan import plan_of
 from heli_twin.studies.results import rows_of
@@ -292,3 +294,47 @@ def test_check_judges_a_file(mine: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert main(["check", str(mine / "jumpy.py"), "--json"]) == 1
     broken = [row for row in json.loads(capsys.readouterr().out) if row["trouble"]]
     assert [row["rule"] for row in broken] == ["The derivatives of its flat outputs are those of its path."]
+
+
+def test_the_text_of_a_law_is_in_a_log_only_if_asked_for(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["fly", "duration=0.5", f"controller={mine / 'my_law.py'}", f"trajectory={mine / 'helix.py:Helix'}"]
+    for extra, folder in (([], "plain"), (["--embed-source"], "embedded")):
+        assert main([*words, *extra, "--log-dir", str(mine / folder)]) == 0
+    plain, embedded = (next((mine / folder).glob("*.mcap")) for folder in ("plain", "embedded"))
+    assert b"def step(self" not in plain.read_bytes()
+    assert read_log(plain).digest == read_log(embedded).digest
+    capsys.readouterr()
+    assert main(["info", str(plain)]) == 0
+    assert "embedded" not in capsys.readouterr().out.replace("/embedded/", "/")
+    assert main(["info", str(embedded)]) == 0
+    out = capsys.readouterr().out
+    assert "Helix.py, MyLaw.py embedded; heli-twin export" in out
+    assert main(["export", str(embedded), "--source", str(mine / "out")]) == 0
+    assert (mine / "out" / "MyLaw.py").read_bytes() == (mine / "my_law.py").read_bytes()
+    assert main(["export", str(embedded), "--source", str(mine / "out")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["export", str(plain), "--source", str(mine / "other")]) == 2
+    assert "no embedded source" in capsys.readouterr().err
+    # What is embedded is never taken for the class that is missing.
+    families._named.clear()
+    assert main(["refly", str(embedded)]) == 2
+    assert "--with ./my_law.py" in capsys.readouterr().err
+
+
+def test_a_source_leaves_a_foreign_log_under_plain_names_only(mine: Path) -> None:
+    names = (
+        "own_source/../evil.py",
+        "own_source//etc/x.py",
+        "own_source/.py",
+        "own_source/a b.py",
+        "own_source/Good.py",
+    )
+    recorder = Recorder(attachments=[Attachment(name, "text/x-python", b"1") for name in names])
+    recorder.close("completed", 1)
+    assert [path.name for path in write_own_source(recorder.log(), mine / "out")] == ["Good.py"]
+    assert sorted(path.name for path in mine.rglob("*.py")) == ["Good.py", "helix.py", "my_design.py", "my_law.py"]
+
+
+def test_without_a_class_of_ones_own_there_is_nothing_to_embed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fly", "duration=0.1", "--no-log", "--embed-source"]) == 2
+    assert "no source to embed" in capsys.readouterr().err
