@@ -207,8 +207,11 @@ def own_source(experiment: Experiment) -> list[Attachment]:
     """
     sources: dict[str, bytes] = {}
     for path, spec in own_classes(experiment):
-        sources[f"{SOURCES}{spec.__name__}.py"] = source_of(spec)
-        if not source_of(spec):
+        source, name = source_of(spec), f"{SOURCES}{spec.__name__}.py"
+        # Two classes of different files may have one name.
+        is_same = sources.setdefault(name, source) == source
+        sources[name if is_same else f"{SOURCES}{spec.__name__}_{path.replace('.', '_')}.py"] = source
+        if not source:
             raise ExperimentError(f"{path} is of the class {spec.__name__}, which has no file with its source to embed")
     if not sources:
         raise ExperimentError("there is no source to embed: every part of this experiment is heli_twin's own")
