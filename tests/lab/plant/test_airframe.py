@@ -129,6 +129,22 @@ def test_a_quadrotor_flies_the_circle_on_what_is_believed_of_it(law):
         assert all(right["rmse"][axis] < 0.5 * wrong["rmse"][axis] for axis in ("x", "y", "z", "yaw"))
 
 
+def test_a_single_rotor_flies_whose_tail_holds_against_its_torque():
+    """0.5 mm of torque per thrust need -0.14 of the yaw stick in hover, which the controller has to find."""
+    trim = -0.0005 * 0.060 * GRAVITY / 0.0021
+    heli = changed(
+        ('name="u_z" site="cog" gear="0 0 1 0 0 0"', 'name="u_z" site="cog" gear="0 0 1 0 0 0.0005"'),
+        ("0 0 0.4905 0", f"0 0 0.4905 {trim}"),
+    )
+    np.testing.assert_allclose(physical_state(held(0.0, 2.0, Airframe(model=heli))), UP, atol=1e-9)
+    base = load("lab_simple", ["duration=4", "trajectory=hover", "controller.offset_free=all"])
+    controller = replace(base.controller, model=BELIEVED)
+    flown = fly(replace(base, plant=Airframe(model=heli), controller=controller), log_dir=None)
+    # What is left of 0.13 rad, which it is off without offset_free.
+    assert flown.summary()["max_abs_error"]["yaw"] < 0.03
+    assert flown.log.sent.u[-50:, 3].mean() == pytest.approx(trim, rel=0.1)
+
+
 # --- the mCX2 as a user's own ---------------------------------------------------------------------------------------
 
 
