@@ -88,7 +88,9 @@ class LineProcess:
 
     def _wait(self, due: float) -> None:
         """Wait until it says something, or takes what it is sent."""
-        ready = dict(self._poll.poll(max(0.0, 1000.0 * (due - monotonic()))))
+        left = due - monotonic()
+        ready = dict(self._poll.poll(1000.0 * left)) if left > 0.0 else {}
+        # One that never stops to talk is always ready.
         if not ready:
             self._is_stuck = True
             raise ProcessFailed(
@@ -112,14 +114,16 @@ class LineProcess:
         except subprocess.TimeoutExpired:
             self._is_stuck = True
             return "it closed its input or output and went on"
-        return f"it was ended by {signal.Signals(-code).name}" if code < 0 else f"it ended with exit code {code}"
+        name = next((known.name for known in signal.Signals if known == -code), f"signal {-code}")
+        return f"it was ended by {name}" if code < 0 else f"it ended with exit code {code}"
 
     def last_words(self) -> str:
         """The last line of its standard error that is not empty, for the reason of a failure."""
         os.set_blocking(self._err, False)
         with suppress(OSError):
-            while said := os.read(self._err, 65536):
-                self._errors = (self._errors + said)[-KEPT_ERROR_BYTES:]
+            # What a pipe can hold, and no more of one that never stops to talk.
+            for _ in range(2):
+                self._errors = (self._errors + os.read(self._err, 65536))[-KEPT_ERROR_BYTES:]
         lines = [line.strip() for line in self._errors.decode("utf-8", "replace").splitlines()]
         return next((line for line in reversed(lines) if line), "")
 
@@ -135,7 +139,8 @@ class LineProcess:
         finally:
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(END_TIMEOUT_S)
 
 
 @cache

@@ -132,6 +132,7 @@ def test_the_speed_of_the_process_does_not_change_a_flight(here: Path, compiled:
         ("os.close(1); time.sleep(60)", "it closed its input or output and went on"),
         ("time.sleep(60)", "it did not answer within 2 s: does it flush its output after each line?"),
         ("print(now, 0, 0, 0.5, 0)", "it did not answer within 2 s"),
+        ("while True: sys.stderr.write('oh, time.sleep ' * 99)", "it did not answer within 2 s"),
         ("print('GARBAGE', 1, 2, 3, 4, flush=True)", "it answered what is no row of numbers: 'GARBAGE 1 2 3 4'"),
         ("os.write(1, bytes(range(128, 160)) + b' 1 2 3 4\\n')", r"it answered what is no row of numbers: '\\x80\\x81"),
         ("print(now, 0, 0, 0.5, flush=True)", "it has to answer with 5 numbers, not 4: "),
