@@ -24,6 +24,8 @@ class Descent(NamedTuple):
     """Height where it ends, m: below that of a helicopter that stands, so that it touches the floor for certain."""
     floor: float
     """Height of the centre of gravity when the helicopter stands, m."""
+    heave_damping: float = 0.0
+    """Deceleration per vertical speed, 1/s; the believed model has none."""
 
     def step(self, height: float, speed: float, dt: float) -> tuple[float, float]:
         """Height (m) and vertical speed (m/s, positive upwards) `dt` seconds later."""
@@ -59,6 +61,7 @@ def descend(reference: Reference, model: Model, descent: Descent, speed: float, 
         height, next_speed = descent.step(height, speed, dt)
         # At the bottom the floor stops it, not the thrust.
         change = (next_speed - speed) / dt if height > descent.bottom else 0.0
+        change += descent.heave_damping * next_speed
         u[i, 2] = min(max((GRAVITY + change) / model.b_z, model.u_z_min), model.u_z_max)
         speed = next_speed
         x[i + 1, 2], x[i + 1, 6] = height, speed

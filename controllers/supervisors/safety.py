@@ -17,6 +17,8 @@ from controllers.supervisors import Order, Phase, PhaseChange
 
 LINGERS = "the plan has come down, and the helicopter has not"
 """The reason of a landing that was planned."""
+PRESSING = 0.85
+"""Share of hover thrust that takes down a helicopter that should stand already: ground effect adds an eighth."""
 UNSOLVED = ("shifted_plan", "safe_hover")
 """Statuses of a control problem that was not solved."""
 
@@ -32,7 +34,8 @@ class Safety:
     Times and speeds bound the drift: of the way from where levelling began to the touch-down, nearly all is wind that
     nobody sees. Gusts of 0.25 m/s move a blind helicopter by 10 to 15 cm, rarely 45 cm, in the 1.3 s from levelling to
     the floor. The descent is fast for that reason; above 1 m/s, half the induced velocity of its rotors, a real one
-    may meet its own wake, which the twin leaves out.
+    may meet its own wake, which the twin leaves out. With heave damping of 1.5 1/s that is not believed, the way down
+    takes 2.8 s; believed and not there, it ends too fast.
     """
 
     kind: Literal["safety"] = "safety"
@@ -47,10 +50,13 @@ class Safety:
     touch_speed: Annotated[float, Gt(0), Le(1), Unit("m/s"), doc("speed at which it meets the floor")] = 0.4
     slow_below: Annotated[float, Ge(0), Unit("m"), doc("height above the floor of the slow rest of the descent")] = 0.05
     settle: Annotated[float, Gt(0), Le(10), Unit("s"), doc("time on the floor after which the motors stop")] = 0.1
-    # Heave damping of 1.5 1/s, unknown to the model, leaves it 0.4 m high at the end of a blind descent.
+    # Of 1.5 1/s, unknown, a blind helicopter would be 0.4 m high when it should stand.
+    heave_damping: Annotated[
+        float, Ge(0), Le(10), Unit("1/s"), doc("believed deceleration per vertical speed, for a blind descent")
+    ] = 0.0
     press: Annotated[
-        float, Ge(0), Le(10), Unit("s"), doc("time to sink on, unseen, after the floor should be reached")
-    ] = 1.5
+        float, Ge(0), Le(10), Unit("s"), doc("time to press down, unseen, after the floor should be reached")
+    ] = 1.0
     spool: Annotated[float, Gt(0), Le(10), Unit("s"), doc("time in which the motors start and stop")] = 0.5
     # Ground effect carries it: without an integral in z, an MPC hovers 3 cm above the floor.
     linger: Annotated[
@@ -71,7 +77,9 @@ class SafetySupervisor:
         self._spec, self._model, self._period = spec, model, period
         bottom = spec.floor - 0.05
         # Half of gravity: the thrust stays within its limits, and there is no time to lose.
-        self._descent = Descent(spec.sink_speed, spec.touch_speed, spec.slow_below, 5.0, bottom, spec.floor)
+        self._descent = Descent(
+            spec.sink_speed, spec.touch_speed, spec.slow_below, 5.0, bottom, spec.floor, spec.heave_damping
+        )
         self.phase: Phase = "ready"
         self._has_begun = False
         self._place = np.zeros(4)
@@ -210,18 +218,24 @@ class SafetySupervisor:
     def _way_down(self, now: int, estimate: Estimate | None, plan: Reference) -> Order:
         """Hover where it stopped or, landing, descend from there; without a solver or an estimate, level.
 
-        A law that does not optimise looks at the present only and would hit the floor: here its thrust is decided.
+        A law that does not optimise looks at the present only and would hit the floor: here its thrust is decided. So
+        is that of every law in a blind descent, for the estimated height is that of a model without heave damping.
         """
+        is_blind = estimate is None or 1e-9 * (now - estimate.pose_stamp) > self._spec.coast_after
         reference = hold(self._model, plan.stamp, len(plan.u), self._place)
         if self.phase == "landing":
             reference = descend(reference, self._model, self._descent, self._speed, self._period)
             self._place[2], self._speed = reference.x[1, 2], float(reference.x[1, 6])
         self._has_solver &= 1e-9 * (now - self._solved_at) <= self._spec.solver_timeout
-        if estimate is not None and self._has_solver and (self._optimises or self.phase == "levelling"):
+        law_decides = self.phase == "levelling" or (self._optimises and not is_blind)
+        if estimate is not None and self._has_solver and law_decides:
             return Order(reference)
         u = np.array(self._model.u_hover)
-        u[2] = reference.u[0, 2]
-        if estimate is not None:
+        is_down = reference.x[0, 2] <= self._spec.floor
+        u[2] = PRESSING * u[2] if is_blind and is_down else reference.u[0, 2]
+        if is_blind and estimate is not None:
+            u[2] -= float(estimate.disturbance[2]) / self._model.b_z
+        elif estimate is not None:
             # Critically damped at 3 rad/s.
             z, speed = reference.x[0, 2] - estimate.x[2], reference.x[0, 6] - estimate.x[6]
             u[2] += float(9.0 * z + 6.0 * speed) / self._model.b_z

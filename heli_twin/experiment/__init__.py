@@ -2,7 +2,8 @@
 
 The helicopter is described twice: `plant` is the real one, `controller.model` is what the ground station believes. A
 model mismatch is a difference between the two. The defaults are the lab with everything realistic:
-its helicopter is `LAB_PLANT`, while the class of the plant has the defaults of one without plant effects.
+its helicopter is `LAB_PLANT`, while the class of the plant has the defaults of one without plant effects; what its
+supervisor believes is `LAB_SUPERVISOR`.
 """
 
 from dataclasses import dataclass, field
@@ -48,6 +49,8 @@ LAB_PLANT = MuJoCo(
     effects=(BatterySpec(), GroundEffect(), HubDrag(), Servo(), SpoolUp(), ThrustYawCoupling()),
 )
 """The helicopter in the lab."""
+LAB_SUPERVISOR = Safety(heave_damping=1.5)
+"""The supervisor in the lab: it believes the heave damping of `LAB_PLANT`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +78,7 @@ class Experiment:
     )
     supervisor: Annotated[
         SupervisorSpec, OneOf("controllers.supervisors"), doc("levels off and lands when the flight cannot go on")
-    ] = field(default_factory=Safety)
+    ] = LAB_SUPERVISOR
     excitation: Annotated[
         ExcitationSpec, OneOf("controllers.excitations"), doc("added to the sent commands, for calibration")
     ] = field(default_factory=NoExcitation)

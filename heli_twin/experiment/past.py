@@ -44,6 +44,8 @@ PAST: dict[str, Past] = {
     # The plant of an experiment has another default than its class.
     "heli_twin.lab.plant.mujoco.MuJoCo.drag_z": Past(4, 0.0, is_new=False),
     "heli_twin.lab.disturbances.gust.Gust.strength": Past(4, 0.25, is_new=False),
+    "heli_twin.lab.radio.Dsm2.failsafe": Past(4, 0.0),
+    "heli_twin.lab.radio.Dsm2.failsafe_thrust": Past(4, 0.0),
     "heli_twin.lab.faults.pose_nan.PoseNan.rate": Past(4, 0.0),
     "heli_twin.lab.faults.pose_outage.PoseOutage.rate": Past(4, 0.0),
     f"{_KALMAN}.withstand_faults": Past(4, False),

@@ -49,7 +49,9 @@ class Dsm2:
     """A DSM2-like link: each frame carries the newest command, quantised; a lost frame leaves the last one in force.
 
     Frames and control steps are not synchronised: a command waits up to a frame, and now and then one is
-    overwritten before it is sent. Defaults: Spektrum DM module at 22 ms and 10 bit, counts 170-852.
+    overwritten before it is sent. Without commands for `failsafe`, the receiver centres the sticks and gives the
+    motors `failsafe_thrust`, until the next command. Defaults: Spektrum DM module at 22 ms and 10 bit, counts 170-852;
+    the time of the failsafe is an engineering estimate.
     """
 
     kind: Literal["dsm2"] = "dsm2"
@@ -57,6 +59,10 @@ class Dsm2:
     latency: Annotated[float, Ge(0), Le(1), Unit("s"), doc("serial line and air time of a frame")] = 0.005
     levels: Annotated[int, Ge(2), doc("steps between full stick one way and the other")] = 682
     loss: Annotated[float, Ge(0), Le(1), doc("share of frames lost")] = 0.003
+    failsafe: Annotated[
+        float, Ge(0), Le(3600), Unit("s"), doc("time without commands, then the receiver's own; 0: never")
+    ] = 1.0
+    failsafe_thrust: Annotated[float, Ge(0), Le(1), Unit("full stick"), doc("for the motors in failsafe")] = 0.0
 
     def start(self, rng: np.random.Generator) -> "Dsm2Link":
         """A link for one flight."""
@@ -72,6 +78,8 @@ class Dsm2Link:
         self._frame = int(rng.integers(self._period))
         self._waiting: list[tuple[int, Held]] = []
         self.due = self._frame + self._latency
+        self._failsafe = nanoseconds(spec.failsafe) or NEVER_NS
+        self._failsafe_at = self._failsafe
 
     def send(self, at: int, command: Command) -> None:
         """Queue a command for the first frame at or after `at`."""
@@ -91,6 +99,11 @@ class Dsm2Link:
                 del self._waiting[: ready[-1] + 1]
             self._frame += self._period
             self.due = self._frame + self._latency
+        if held:
+            self._failsafe_at = now + self._failsafe
+        elif now >= self._failsafe_at:
+            self._failsafe_at = NEVER_NS
+            held = Held(-1, np.array([0.0, 0.0, self._spec.failsafe_thrust, 0.0]))
         return held
 
 

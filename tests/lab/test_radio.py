@@ -87,7 +87,7 @@ def test_of_two_commands_in_one_frame_the_first_is_never_flown():
 
 @pytest.mark.parametrize("loss", [0.0, 0.1, 1.0])
 def test_frames_are_lost_as_often_as_is_said(loss):
-    radio, frames = link(1, loss=loss), 2000
+    radio, frames = link(1, loss=loss, failsafe=0.0), 2000
     lost = 0
     for _ in range(frames):
         radio.send(radio.due - 5 * MS, command(radio.due))
@@ -166,3 +166,20 @@ def test_a_wire_waits_until_the_command_is_ready():
     assert wire.due == 7 * MS
     assert wire.receive(7 * MS - 1) is None
     assert wire.receive(7 * MS).stamp == 0
+
+
+def test_without_commands_the_receiver_takes_its_own_once_and_then_obeys_again():
+    radio = link(failsafe=0.5, failsafe_thrust=0.2, loss=0.0)
+    held = flown(radio, [0, 2000 * MS], 3000 * MS)
+    stamps = [stamp for _, stamp in held]
+    assert stamps == [0, -1, 2000 * MS, -1]
+    # Half a second after the last command, at the next frame.
+    assert 500 * MS <= held[1][0] - held[0][0] < 522 * MS
+    radio = link(failsafe=0.5, failsafe_thrust=0.2)
+    while not (own := radio.receive(radio.due)):
+        pass
+    np.testing.assert_array_equal(own.u, [0.0, 0.0, 0.2, 0.0])
+
+
+def test_without_a_failsafe_the_last_command_stays_in_force():
+    assert [stamp for _, stamp in flown(link(failsafe=0.0, loss=0.0), [0], 5000 * MS)] == [0]
