@@ -14,6 +14,10 @@ from heli_twin.terminal_text import instead
 
 COMPLETED = "completed"
 """The outcome of a flight that did not fail."""
+LANDED_EARLY = "landed"
+"""The outcome of an emergency landing: the flight did not do what it should, and nothing broke."""
+STANDING_PLAN_M = 0.06
+"""A plan that ends below this height means to land."""
 INVALID: Literal["invalid"] = "invalid"
 """The outcome of a run whose control law was a process that failed: it is neither completed nor a failure."""
 MEASURED_COLUMNS = (
@@ -25,14 +29,21 @@ MEASURED_COLUMNS = (
 
 def columns(log: Log, experiment: Experiment) -> dict[str, Any]:
     """The row of a flight: its outcome, its metrics by dotted name, its provenance. Plain values, no NaN."""
-    row: dict[str, Any] = {"outcome": log.outcome, "outcome_text": log.ending.text}
-    row |= flat(metrics(log)) | flat(measures(log, experiment.controller)) | {"outcome": log.outcome}
+    row = flat(metrics(log)) | flat(measures(log, experiment.controller))
+    row = {"outcome": outcome(log), "outcome_text": log.ending.text} | {k: v for k, v in row.items() if k != "outcome"}
     row["flown"] = row.pop("duration", None)
     row["digest"] = log.digest
     about = log.metadata
     row |= {"started": about.get("started", ""), "git_commit": about.get("git_commit", ""), "cpu": about.get("cpu", "")}
     row |= {key: value for key, value in about.items() if key.startswith("version.") or key in ("python", "platform")}
     return row
+
+
+def outcome(log: Log) -> str:
+    """The outcome of a flight in a study: one that landed where its plan came down has completed."""
+    height = log.reference.x[-1:, 2]
+    has_come_down = log.outcome == "landed" and bool((height < STANDING_PLAN_M).all())
+    return COMPLETED if has_come_down else log.outcome
 
 
 def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

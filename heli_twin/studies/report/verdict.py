@@ -8,6 +8,7 @@ import numpy as np
 from heli_twin.reporting.figure import Array, Table
 from heli_twin.reporting.intervals import Interval, failure_interval, seed_interval
 from heli_twin.reporting.words import interval, listed, metric, percent
+from heli_twin.studies.columns import LANDED_EARLY
 from heli_twin.studies.report.results import Results
 
 
@@ -17,11 +18,11 @@ def verdict(results: Results) -> Iterator[Table]:
     header = ["", *names]
     if len(names) > 1:
         header += [f"{name} minus {names[0]}, paired" for name in names[1:]]
-    rows = [_failures(results, names)]
+    rows = [*_failures(results, names)]
     score = metric(results.study.score)
     penalised = _cells(results, names, results.penalised, score.factor, score.unit)
     rows.append(
-        [f"score: {score.name}, a failure counts {results.study.penalty * score.factor:g} {score.unit}", *penalised]
+        [f"score: {score.name}, a failure or emergency landing counts {results.study.penalty * score.factor:g} {score.unit}", *penalised]
     )
     for name in dict.fromkeys((results.study.score, *results.study.metrics)):
         scale = metric(name)
@@ -36,14 +37,21 @@ def verdict(results: Results) -> Iterator[Table]:
     yield Table("Verdict", sentence, header, rows)
 
 
-def _failures(results: Results, names: list[str]) -> list[str]:
-    cells = []
+def _failures(results: Results, names: list[str]) -> Iterator[list[str]]:
+    """The shares of flights that failed and, if there are any, of emergency landings, which are no failures."""
+    cells: list[str] = []
+    landings: list[str] = []
     for name in names:
         mine = results.of(name)
-        reasons = Counter(mine["outcome"][mine.failed].tolist())
+        landed = mine["outcome"] == LANDED_EARLY
+        reasons = Counter(mine["outcome"][mine.failed & ~landed].tolist())
         why = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
-        cells.append(percent(failure_interval(mine.failed, mine["seed"])) + (f" ({why})" if why else ""))
-    return ["failed flights", *cells, *[""] * (len(names) - 1)]
+        cells.append(percent(failure_interval(mine.failed & ~landed, mine["seed"])) + (f" ({why})" if why else ""))
+        landings.append(percent(failure_interval(landed, mine["seed"])))
+    blank = [""] * (len(names) - 1)
+    yield ["failed flights", *cells, *blank]
+    if (results["outcome"] == LANDED_EARLY).any():
+        yield ["emergency landings", *landings, *blank]
 
 
 def _cells(results: Results, names: list[str], values: Array, factor: float, unit: str) -> list[str]:
