@@ -24,7 +24,7 @@ from heli_twin.recording import Log, recover
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     flown = fly(
-        load("lab", ["duration=3", "seed=5", "radio=off", "plant.effects.battery=on"]),
+        load("lab", ["duration=3", "seed=5", "radio=off"]),
         log_dir=tmp_path_factory.mktemp("flight"),
     ).path
     assert flown is not None
@@ -37,7 +37,7 @@ def log(path: Path) -> Log:
 
 
 def test_info_names_what_was_changed(log: Log) -> None:
-    assert sorted(about(log)["overrides"]) == ["duration=3.0", "plant.effects.battery=on", "radio=off", "seed=5"]
+    assert sorted(about(log)["overrides"]) == ["duration=3.0", "radio=off", "seed=5"]
 
 
 def test_info_counts_what_is_there(path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -46,7 +46,8 @@ class Safety:
     low_voltage: Annotated[float, Ge(0), Le(20), Unit("V"), doc("of the battery, at which to land")] = 3.3
     half_width: Annotated[float, Gt(0), Unit("m"), doc("distance north and west at which to land")] = 2.2
     height: Annotated[float, Gt(0), Unit("m"), doc("height at which to land")] = 2.3
-    sink_speed: Annotated[float, Gt(0), Le(2), Unit("m/s"), doc("speed of an emergency descent")] = 1.5
+    sink_speed: Annotated[float, Gt(0), Le(2), Unit("m/s"), doc("speed of a blind descent")] = 1.5
+    seen_sink_speed: Annotated[float, Gt(0), Le(2), Unit("m/s"), doc("speed of a descent with poses")] = 0.5
     touch_speed: Annotated[float, Gt(0), Le(1), Unit("m/s"), doc("speed at which it meets the floor")] = 0.4
     slow_below: Annotated[float, Ge(0), Unit("m"), doc("height above the floor of the slow rest of the descent")] = 0.05
     settle: Annotated[float, Gt(0), Le(10), Unit("s"), doc("time on the floor after which the motors stop")] = 0.1
@@ -80,6 +81,7 @@ class SafetySupervisor:
         self._descent = Descent(
             spec.sink_speed, spec.touch_speed, spec.slow_below, 5.0, bottom, spec.floor, spec.heave_damping
         )
+        self._seen_descent = self._descent._replace(sink_speed=spec.seen_sink_speed)
         self.phase: Phase = "ready"
         self._has_begun = False
         self._place = np.zeros(4)
@@ -224,7 +226,8 @@ class SafetySupervisor:
         is_blind = estimate is None or 1e-9 * (now - estimate.pose_stamp) > self._spec.coast_after
         reference = hold(self._model, plan.stamp, len(plan.u), self._place)
         if self.phase == "landing":
-            reference = descend(reference, self._model, self._descent, self._speed, self._period)
+            descent = self._descent if is_blind else self._seen_descent
+            reference = descend(reference, self._model, descent, self._speed, self._period)
             self._place[2], self._speed = reference.x[1, 2], float(reference.x[1, 6])
         self._has_solver &= 1e-9 * (now - self._solved_at) <= self._spec.solver_timeout
         law_decides = self.phase == "levelling" or (self._optimises and not is_blind)

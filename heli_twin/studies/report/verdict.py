@@ -22,7 +22,10 @@ def verdict(results: Results) -> Iterator[Table]:
     score = metric(results.study.score)
     penalised = _cells(results, names, results.penalised, score.factor, score.unit)
     rows.append(
-        [f"score: {score.name}, a failure or emergency landing counts {results.study.penalty * score.factor:g} {score.unit}", *penalised]
+        [
+            f"score: {score.name}, a failure or emergency landing counts {results.study.penalty * score.factor:g} {score.unit}",
+            *penalised,
+        ]
     )
     for name in dict.fromkeys((results.study.score, *results.study.metrics)):
         scale = metric(name)
