@@ -23,7 +23,8 @@ def verdict(results: Results) -> Iterator[Table]:
     penalised = _cells(results, names, results.penalised, score.factor, score.unit)
     rows.append(
         [
-            f"score: {score.name}, a failure or emergency landing counts {results.study.penalty * score.factor:g} {score.unit}",
+            f"score: {score.name}, a flight that did not complete counts {results.study.penalty * score.factor:g}"
+            f" {score.unit}",
             *penalised,
         ]
     )
