@@ -128,8 +128,8 @@ def end(words: list[str], number: signal.Signals, delay_s: float, folder: Path, 
             os.kill(left, signal.SIGKILL)
         process.wait()
     said = (folder / "errors").read_text()
-    # Python gives signals back to the system when it is done.
-    if code in (0, 1, -number) and not said:
+    # Nobody can say anything after SIGKILL; Python gives the other signals back to the system when it is done.
+    if code in (0, 1, -number) and (not said or number == signal.SIGKILL):
         return None
     assert code == 128 + number, said
     assert said.count("\n") == 1, said
