@@ -36,6 +36,10 @@ SWAPS = {"+": "-", "-": "+", "*": "/", "/": "*", "**": "*", "<": "<=", "<=": "<"
 TEST_FILES = 3
 """The nearest test files of a module, which alone are run for its mutants."""
 OTHER_NAMES = {
+    "controllers/laws/external.py": ["own/test_external_laws.py"],
+    "controllers/line_process.py": ["own/test_external_laws.py"],
+    "controllers/programs.py": ["own/test_external_laws.py"],
+    "controllers/pace.py": ["controllers/test_derivatives.py", "controllers/test_trajectories.py"],
     "controllers/descent.py": ["controllers/test_supervisor.py"],
     "controllers/markers.py": ["controllers/test_pid.py", "lab/test_mocap.py"],
     "controllers/pose_screen.py": ["controllers/test_pose_screen.py", "controllers/test_kalman.py"],
@@ -45,11 +49,19 @@ OTHER_NAMES = {
         "controllers/test_pid.py",
         "controllers/test_offset_free.py",
     ],
-    "controllers/splines.py": ["controllers/test_splines.py", "controllers/test_trajectories.py"],
+    "controllers/splines.py": [
+        "controllers/test_splines.py",
+        "controllers/test_derivatives.py",
+        "controllers/test_trajectories.py",
+    ],
     "heli_twin/lab/compute.py": ["lab/test_faults.py", "lab/test_chance.py", "flights/test_flights.py"],
+    "heli_twin/lab/plant/contract.py": ["lab/plant/test_airframe.py"],
+    "heli_twin/lab/plant/motion.py": ["lab/plant/test_mujoco.py", "lab/plant/test_airframe.py"],
     "heli_twin/lab/plant/__init__.py": ["lab/plant/test_ideal.py", "lab/plant/effects/test_effects.py"],
 }
 """The tests of modules whose name no test file has, in `tests/`, nearest first."""
+FOLDER_TESTS = {"controllers/trajectories": ["tests/controllers/test_derivatives.py"]}
+"""Further tests of every module of a folder."""
 TEST_CPU_LIMIT_S = 60
 """Of one test, in processor time, which a busy machine does not stretch; a mutant that hangs is noticed by it."""
 LIBRARIES = """numpy scipy.optimize scipy.linalg scipy.stats scipy.integrate scipy.signal pydantic daqp threadpoolctl
@@ -73,6 +85,14 @@ EQUIVALENT = {
         "heli_twin/metrics/response.py",
         'misfit = squares - total**2 / n - 2.0 * np.correlate(r, y, "valid") - y @ y',
     ): "only differences of the misfit are used",
+    (
+        "heli_twin/metrics/response.py",
+        "r = r + r.mean()",
+    ): "the mean of every window is taken off; this only keeps the sums small",
+    (
+        "controllers/pace.py",
+        "rest = Jet.variable(np.where(t > 0.75 * end, length, 0.0), 0.0, order)",
+    ): "it is read before the start and after the end only",
     (
         "heli_twin/metrics/response.py",
         "far = np.abs(np.arange(len(misfit)) - best) > most / 2",
@@ -116,6 +136,8 @@ EQUIVALENT = {
 }
 """Mutations that change nothing a test could see: (module, mutated line without its indent) to the reason."""
 EQUIVALENT_KINDS = {
+    r"^def .*, /, ": "what is given by name is given by name with `/` before it too",
+    r"\breshape\(-2\b": "NumPy takes any negative length for the one that is left",
     r"\bstrict=False\b": "`strict` of `zip` guards against lengths that no caller gives",
     r"\brng=1\b": "another draw of the same bootstrap",
     r"\bn_resamples=1000\b": "one more resample of a bootstrap moves an interval by less than its own error",
@@ -186,12 +208,13 @@ def nearest_tests(file: str) -> list[str]:
     dotted = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
     names = [f"test_{dotted.rpartition('.')[2]}.py", f"test_{path.parent.name}.py"]
     tests: list[tuple[int, int, str]] = []
-    for test in (ROOT / "tests" / room).rglob("test_*.py"):
+    folder = ROOT / "tests" / room
+    for test in (folder if folder.is_dir() else ROOT / "tests").rglob("test_*.py"):
         text = test.read_text(encoding="utf-8")
         if test.name in names or re.search(rf"\b{re.escape(dotted)}\b", text):
             near = names.index(test.name) if test.name in names else len(names)
             tests.append((near, len(text), test.relative_to(ROOT).as_posix()))
-    return [test for _, _, test in sorted(tests)[:TEST_FILES]]
+    return [test for _, _, test in sorted(tests)[:TEST_FILES]] + FOLDER_TESTS.get(path.parent.as_posix(), [])
 
 
 PYTEST_WORDS = ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
@@ -290,7 +313,8 @@ def survivors(room: str, count: int, seed: int = 0) -> Iterator[tuple[Mutation, 
         original = mutated.read_text(encoding="utf-8")
         mutated.write_text(mutation.text, encoding="utf-8")
         tests = nearest[mutation.file]
-        outcome = tested(tests)
+        # Nothing notices what has no tests.
+        outcome = tested(tests) if tests else Outcome(0, "")
         mutated.write_text(original, encoding="utf-8")
         test = "" if outcome.code == 0 else outcome.test
         if test and test not in sound:

@@ -7,7 +7,7 @@ import numpy as np
 from controllers.signals import Array
 
 MAX_LAG_S = 1.0
-"""Greatest lag that is searched for, in both directions; a flight must be longer than three times this."""
+"""Greatest lag that is searched for, in both directions; a flight must be at least three times as long."""
 DISTINCT_RMS = 0.01
 """m or rad: the best lag must fit better than every other by this rms, or it is not unique."""
 SETTLED_BAND_M = 0.1

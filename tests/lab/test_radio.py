@@ -51,7 +51,7 @@ def test_every_radio_delivers_the_newest_command_and_only_once(kind):
 
 @given(st.integers(0, 1000), st.floats(0.001, 0.1), st.floats(0, 0.1))
 def test_frames_come_at_their_period_and_phase_whatever_is_sent(seed, frame_period, latency):
-    spec = {"frame_period": frame_period, "latency": latency}
+    spec = {"frame_period": frame_period, "latency": latency, "loss": 0.0}
     idle, busy = link(seed, **spec), link(seed, **spec)
     due = []
     for _ in range(5):

@@ -25,6 +25,12 @@ def test_a_path_flown_late_is_late_by_as_much(late):
     assert lag(circle(TIME), circle(TIME - late), start=100) == pytest.approx(late, abs=1e-4)
 
 
+def test_a_flight_of_three_times_the_longest_lag_is_long_enough():
+    t = TIME[:150]
+    assert lag(np.cos(3.0 * t), np.cos(3.0 * (t - 0.2))) == pytest.approx(0.2, abs=1e-3)
+    assert lag(np.cos(3.0 * t[:-1]), np.cos(3.0 * (t[:-1] - 0.2))) is None
+
+
 def test_a_steady_error_is_no_lag():
     assert lag(circle(TIME), circle(TIME - 0.2) + 3.0) == pytest.approx(0.2, abs=1e-4)
 
