@@ -200,21 +200,31 @@ def modules(room: str) -> list[Path]:
 
 
 def nearest_tests(file: str) -> list[str]:
-    """Return the test files of a module, nearest first: those of its name, of its folder's name, importing it."""
+    """Return the test files of a module, nearest first.
+
+    They have its name or its folder's, or import it; where none does, others import its package.
+    """
     if file in OTHER_NAMES:
         return [f"tests/{name}" for name in OTHER_NAMES[file]]
     path = Path(file)
-    room = path.parts[int(path.parts[0] == "heli_twin")]
+    folder = ROOT / "tests" / path.parts[int(path.parts[0] == "heli_twin")]
     dotted = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
-    names = [f"test_{dotted.rpartition('.')[2]}.py", f"test_{path.parent.name}.py"]
+    package, _, name = dotted.rpartition(".")
+    names = [f"test_{name}.py", f"test_{path.parent.name}.py"]
+    tests = _tests_of(folder, names, dotted) if folder.is_dir() else []
+    tests = tests or _tests_of(ROOT / "tests", names[:1], dotted) or _tests_of(ROOT / "tests", [], package)
+    return tests[:TEST_FILES] + FOLDER_TESTS.get(path.parent.as_posix(), [])
+
+
+def _tests_of(folder: Path, names: Sequence[str], imported: str) -> list[str]:
+    """The test files in a folder that have one of these names, or name what they import; short ones first."""
     tests: list[tuple[int, int, str]] = []
-    folder = ROOT / "tests" / room
-    for test in (folder if folder.is_dir() else ROOT / "tests").rglob("test_*.py"):
+    for test in folder.rglob("test_*.py"):
         text = test.read_text(encoding="utf-8")
-        if test.name in names or re.search(rf"\b{re.escape(dotted)}\b", text):
+        if test.name in names or re.search(rf"\b{re.escape(imported)}\b", text):
             near = names.index(test.name) if test.name in names else len(names)
             tests.append((near, len(text), test.relative_to(ROOT).as_posix()))
-    return [test for _, _, test in sorted(tests)[:TEST_FILES]] + FOLDER_TESTS.get(path.parent.as_posix(), [])
+    return [test for *_, test in sorted(tests)]
 
 
 PYTEST_WORDS = ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
