@@ -139,6 +139,7 @@ EQUIVALENT_KINDS = {
     r"^def .*, /, ": "what is given by name is given by name with `/` before it too",
     r"\breshape\(-2\b": "NumPy takes any negative length for the one that is left",
     r"\bstrict=False\b": "`strict` of `zip` guards against lengths that no caller gives",
+    r"\bcolor=\d+\b": "another colour of a curve",
     r"\brng=1\b": "another draw of the same bootstrap",
     r"\bn_resamples=1000\b": "one more resample of a bootstrap moves an interval by less than its own error",
 }

@@ -1,9 +1,11 @@
 """The numbers of the identification have known values: thresholds, intervals, shares."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from heli_twin.identification.data import ROW_S, Equation, Stretch
+from heli_twin.identification.data import ROW_S, Equation, Stretch, _Sent
 from heli_twin.identification.fit import (
     MEMORY_S,
     AxisFit,
@@ -115,6 +117,30 @@ def test_a_saved_model_has_no_negative_damping():
     found = Identified({"x": fit(b=(2.0, 0.1), k=(0.04, 0.09))}, ("flight",), 10.0)
     assert found.as_toml().splitlines()[-2:] == ["b_x = 2  # 1.9 to 2.1", "k_x = 0  # -0.05 to 0.13"]
     assert found.as_json()["parameters"]["k_x"] == {"value": 0.04, "interval": pytest.approx([-0.05, 0.13])}
+
+
+def sent(u, t):
+    """Inputs, a new one every 20 ms, averaged over the 10 ms around each time but the first and last."""
+    time = 20_000_000 * np.arange(len(u))
+    columns = np.repeat(np.array(u, float)[:, None], 4, axis=1)
+    return _Sent(SimpleNamespace(sent=SimpleNamespace(time=time, u=columns)), t)
+
+
+def test_a_sent_input_is_held_until_the_next_and_the_last_one_for_a_period():
+    t = 0.005 + 0.01 * np.arange(21)
+    inputs = sent([3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0, 5.0, 7.0], t)
+    held = np.repeat([3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0, 5.0, 7.0], 2)
+    np.testing.assert_allclose(inputs(0, 0.0, 0.0), held[1:], atol=1e-12)
+    np.testing.assert_allclose(inputs(3, 0.04, 0.0)[4:], held[1:-4], atol=1e-12)
+
+
+def test_a_lagged_input_fades_from_one_value_to_the_next():
+    t = 0.005 + 0.01 * np.arange(21)
+    lag, ends = 0.03, 0.01 * np.arange(1, 20)
+    # It begins at its first value; 1 from 40 ms on: the mean of 1 - exp(-t / lag) from each time to the next.
+    rise = np.maximum(np.append(ends, 0.2) - 0.04, 0.0)
+    means = np.diff(rise + lag * np.exp(-rise / lag)) / 0.01
+    np.testing.assert_allclose(sent([0.0, 0.0] + [1.0] * 8, t)(1, lag, lag), means, atol=1e-12)
 
 
 def lagged(u):
