@@ -9,22 +9,22 @@ SENTENCE_LIMIT = 480
 """Characters of one printed sentence."""
 
 
-def clean(text: str, limit: int = SENTENCE_LIMIT) -> str:
-    r"""Return text of which every character is printable, on one line and at most `limit` characters long.
+def clean(value: object, limit: int = SENTENCE_LIMIT) -> str:
+    r"""Return a value as text of which every character is printable, on one line and at most `limit` characters long.
 
     Control characters (also escape sequences of terminals), line breaks, invisible format characters such as
     bidirectional overrides, and lone surrogates become their Python escapes: `\x1b`, `\n`, `\u202e`, `\ud800`.
     Longer text ends in "...".
     """
+    # Python refuses to write integers of more than 4300 digits.
+    text = "a huge number" if isinstance(value, int) and abs(value) >= 2**63 else str(value)
     shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[: limit + 1])
     return shown if len(shown) <= limit else shown[: max(limit - 3, 0)] + "..."
 
 
 def instead(wrong: object, known: Iterable[str]) -> str:
     """`'wrong': did you mean 'right'? Available: ...`, both cut to a readable length."""
-    # Python refuses to write integers of more than 4300 digits.
-    is_huge = isinstance(wrong, int) and abs(wrong) >= 2**63
-    known, shown = list(known), "a huge number" if is_huge else clean(str(wrong), 80)
+    known, shown = list(known), clean(wrong, 80)
     near = get_close_matches(shown, known, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
     return f"'{shown}': {hint}Available: {clean(', '.join(known), 260)}"

@@ -114,6 +114,14 @@ EQUIVALENT = {
         'i = np.minimum(np.searchsorted(knots, since, side="right") - 1, len(h) + 1)',
     ): "a time modulo the last knot lies before it",
     (
+        "heli_twin/identification/data.py",
+        "if len(piece_t) and piece_t[-1] - piece_t[0] > MIN_STRETCH_S:",
+    ): "differs only for a length equal to the limit in all digits",
+    (
+        "heli_twin/identification/fit.py",
+        "if best <= needs.input:",
+    ): "differs only for an excitation equal to the limit in all digits",
+    (
         "heli_twin/identification/fit.py",
         "if own.std() <= needs.input:",
     ): "differs only for an excitation equal to the limit in all digits",

@@ -12,8 +12,8 @@ from heli_twin.experiment.families import members
 from heli_twin.experiment.own import OWN
 from heli_twin.experiment.text import family_at, load, presets
 from heli_twin.experiment.tree import Tree, parsed, table_of, tree_of
-from heli_twin.experiment.values import ExperimentError, cut
-from heli_twin.terminal_text import instead, pasteable
+from heli_twin.experiment.values import ExperimentError
+from heli_twin.terminal_text import clean, instead, pasteable
 
 
 class Change(NamedTuple):
@@ -132,4 +132,4 @@ def told(value: Any) -> Any:
     if not isinstance(value, str) or "\n" not in value:
         return value
     first_line, _, _ = value.partition("\n")
-    return f"{cut(first_line, 60)} #{hashlib.sha256(value.encode()).hexdigest()[:8]}"
+    return f"{clean(first_line, 60)} #{hashlib.sha256(value.encode()).hexdigest()[:8]}"

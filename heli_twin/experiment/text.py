@@ -24,8 +24,8 @@ from heli_twin.experiment.fields import FieldInfo, fields_of
 from heli_twin.experiment.own import OWN, require_own, with_commands, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
 from heli_twin.experiment.tree import experiment_of, kind_under, table_of, tree_of, unknown_field
-from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, cut, listing
-from heli_twin.terminal_text import instead
+from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, listing
+from heli_twin.terminal_text import clean, instead
 
 
 def presets() -> dict[str, Path]:
@@ -71,9 +71,8 @@ def changed(experiment: Experiment, overrides: Iterable[str]) -> Experiment:
 
 
 def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
-    for path, value, version in sorted(map(_override, overrides), key=lambda change: not _names_a_kind(*change[:2])):
-        put(tree, path, value)
-        restore_past(Experiment, tree, version, dict(_leaves({path: value})), under=path)
+    for path, value in sorted(map(_override, overrides), key=lambda change: not _names_a_kind(*change)):
+        put_part(tree, path, value)
     return experiment_of(tree)
 
 
@@ -202,18 +201,20 @@ def _read(source: str) -> tuple[Tree, int]:
         raise ExperimentError(f"unknown preset {instead(source, known)}; a file of your own ends in .toml")
     try:
         if path.exists() and not path.is_file():
-            raise ExperimentError(f"cannot read {cut(path, 200)}: it is not a file")
+            raise ExperimentError(f"cannot read {clean(path, 200)}: it is not a file")
         tree = _toml(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ExperimentError(f"cannot read {cut(path, 200)}: {error.strerror}") from None
+        raise ExperimentError(f"cannot read {clean(path, 200)}: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise ExperimentError(f"cannot read {cut(path, 200)}: it is not UTF-8 text") from None
+        raise ExperimentError(f"cannot read {clean(path, 200)}: it is not UTF-8 text") from None
     except _NOT_TOML as error:
-        raise ExperimentError(f"{cut(path, 200)} is not valid TOML: {cut(error, 200)}") from None
+        # Python's own sentence about integers of more than 4300 digits is for programmers.
+        reason = "an integer has too many digits" if "set_int_max_str_digits" in str(error) else clean(error, 200)
+        raise ExperimentError(f"{clean(path, 200)} is not valid TOML: {reason}") from None
     version = tree.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
         raise ExperimentError(
-            f"{cut(path, 200)} has physics = {reprlib.repr(version)}: this heli_twin knows the versions 1 to"
+            f"{clean(path, 200)} has physics = {reprlib.repr(version)}: this heli_twin knows the versions 1 to"
             f" {PHYSICS_VERSION}; update it,"
             " or remove the line to read the file with today's defaults"
         )
@@ -258,33 +259,49 @@ def assignment(text: str, example: str = "path.to.field=value, such as plant.mas
     """
     path, equals, value = (word.strip() for word in text.partition("="))
     if not equals or not path:
-        raise ExperimentError(f"'{cut(text)}' is not an override: write {example}")
+        raise ExperimentError(f"'{clean(text, 80)}' is not an override: write {example}")
     if path.count(".") >= DEEPEST:
-        raise ExperimentError(f"'{cut(path)}' is nested deeper than {DEEPEST} levels")
+        raise ExperimentError(f"'{clean(path, 80)}' is nested deeper than {DEEPEST} levels")
     try:
         return path, _toml(f"v = {value}")["v"]
     except _NOT_TOML:
         return path, value
 
 
-def _override(text: str) -> tuple[str, Any, int]:
-    """Parse an override, also `part=FILE.toml`; return its path, value and the physics version it was written for."""
+def _override(text: str) -> tuple[str, Any]:
+    """Parse an override, also `part=FILE.toml`; return its path and its value."""
     path, value = assignment(text)
     value = with_content(path, with_members(path, value, Path()), Path())
-    if isinstance(value, str) and value.endswith(".toml"):
-        return path, *_table_in(value, path)
-    return path, value, PHYSICS_VERSION
+    return path, part_in(value, path) if isinstance(value, str) and value.endswith(".toml") else value
 
 
-def _table_in(file: str, path: str) -> tuple[Tree, int]:
-    """Return the table at a dotted path in a TOML file, and the file's physics version."""
+def part_in(file: str, path: str) -> Tree:
+    """Return the table at a dotted path in a TOML file; `physics` in it is the version of an older file.
+
+    Raises:
+        ExperimentError: The file cannot be read, or has no such table.
+    """
     tree, version = _read(file)
     table: Any = tree
     for key in path.split("."):
         table = table.get(key) if isinstance(table, dict) else None
     if not isinstance(table, dict):
-        raise ExperimentError(f"{cut(file, 200)} has no table [{cut(path)}]")
-    return table, version
+        raise ExperimentError(f"{clean(file, 200)} has no table [{clean(path, 80)}]")
+    return table | {"physics": version} if version < PHYSICS_VERSION else table
+
+
+def put_part(tree: Tree, path: str, value: Any) -> None:
+    """Set the value at a dotted path of a tree, as `put` does.
+
+    A table with `physics` was written for an older version: fields that it leaves out get the values of that version.
+    """
+    version = value.get("physics") if isinstance(value, dict) else None
+    if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
+        version = PHYSICS_VERSION
+    else:
+        value = {name: inner for name, inner in value.items() if name != "physics"}
+    put(tree, path, value)
+    restore_past(Experiment, tree, version, dict(_leaves({path: value})), under=path)
 
 
 def put(tree: Tree, path: str, value: Any) -> None:
@@ -342,7 +359,7 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
         case None:
             if rest:
                 raise ExperimentError(
-                    f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{cut(rest[0])}'"
+                    f"{path[: -len('.'.join(rest)) - 1]} is a single value; it has no field '{clean(rest[0], 80)}'"
                 )
             node[key] = _read_value(value, info, path)
 
@@ -367,7 +384,9 @@ def _content(file: Path, field: FileContent, path: str) -> str:
         return field.read(file)
     except OSError as error:
         reason = "there is no such file" if isinstance(error, FileNotFoundError) else error.strerror
-        raise ExperimentError(f"{path}: cannot read {cut(error.filename or file.absolute(), 200)}: {reason}") from None
+        raise ExperimentError(
+            f"{path}: cannot read {clean(error.filename or file.absolute(), 200)}: {reason}"
+        ) from None
     except ValueError as error:
         raise ExperimentError(f"{path}: {error}") from None
 
@@ -376,14 +395,14 @@ def _rows(file: str, columns: tuple[str, ...], path: str) -> list[list[float]]:
     """Read a CSV file: its rows become part of the experiment, so that a log can be flown without the file."""
     line = 1
     if not Path(file).is_file():
-        raise ExperimentError(f"{path}: cannot read {cut(Path(file).absolute(), 200)}: there is no such file")
+        raise ExperimentError(f"{path}: cannot read {clean(Path(file).absolute(), 200)}: there is no such file")
     try:
         with Path(file).open(encoding="utf-8-sig", newline="") as text:
             table = csv.DictReader(text, skipinitialspace=True, strict=True)
             missing = [column for column in columns if column not in (table.fieldnames or ())]
             if missing:
                 raise ExperimentError(
-                    f"{path}: {cut(file, 200)} has no column {missing[0]}; its first line has to name"
+                    f"{path}: {clean(file, 200)} has no column {missing[0]}; its first line has to name"
                     f" {', '.join(columns)}"
                 )
             rows: list[list[float]] = []
@@ -391,10 +410,10 @@ def _rows(file: str, columns: tuple[str, ...], path: str) -> list[list[float]]:
                 line = table.line_num
                 rows.append([float(row[column] or "") for column in columns])
     except OSError as error:
-        raise ExperimentError(f"{path}: cannot read {cut(Path(file).absolute(), 200)}: {error.strerror}") from None
+        raise ExperimentError(f"{path}: cannot read {clean(Path(file).absolute(), 200)}: {error.strerror}") from None
     except (ValueError, csv.Error) as error:
         raise ExperimentError(
-            f"{path}: {cut(file, 200)}, line {line} is not a row of numbers: {cut(error, 100)}"
+            f"{path}: {clean(file, 200)}, line {line} is not a row of numbers: {clean(error, 100)}"
         ) from None
     return rows
 

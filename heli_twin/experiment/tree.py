@@ -16,8 +16,8 @@ from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import FieldInfo, fields_of
 from heli_twin.experiment.own import OWN, own_class, refuse_commands, with_program_at_hand, without_mark
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past
-from heli_twin.experiment.values import ExperimentError, check_size, checked_value, cut, listing, plain
-from heli_twin.terminal_text import instead
+from heli_twin.experiment.values import ExperimentError, check_size, checked_value, listing, plain
+from heli_twin.terminal_text import clean, instead
 
 
 def tree_of(experiment: Experiment) -> Tree:
@@ -123,9 +123,9 @@ def unknown_field(path: str, known: Iterable[str], elsewhere: Sequence[str] = ()
     """
     table, _, name = path.rpartition(".")
     here = f"{table}." if table else ""
-    near = [here + k for k in get_close_matches(cut(name), known, n=1, cutoff=0.5)]
+    near = [here + k for k in get_close_matches(clean(name, 80), known, n=1, cutoff=0.5)]
     hint = f"did you mean '{[*elsewhere, *near][0]}'? " if near or elsewhere else ""
-    return ExperimentError(f"unknown field '{cut(path, 100)}': {hint}{listing(known)}")
+    return ExperimentError(f"unknown field '{clean(path, 100)}': {hint}{listing(known)}")
 
 
 def _each(package: str, name: str, table: Any, path: str) -> Any:
@@ -168,7 +168,7 @@ def kind_under(name: str, kind: Any, kinds: dict[str, type], path: str) -> str:
 
 def _known(kind: Any, kinds: dict[str, type], family: str) -> str:
     if not isinstance(kind, str) or kind not in kinds:
-        raise ExperimentError(f"unknown {cut(family)} {instead(kind, kinds)}")
+        raise ExperimentError(f"unknown {clean(family, 80)} {instead(kind, kinds)}")
     return kind
 
 

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.fields import FieldInfo
-from heli_twin.terminal_text import instead
+from heli_twin.terminal_text import clean, instead
 
 
 class ExperimentError(HeliTwinError):
@@ -21,13 +21,7 @@ class ExperimentError(HeliTwinError):
 
 def listing(known: Iterable[str]) -> str:
     """Return `Available: ...` cut to a readable length."""
-    return f"Available: {cut(', '.join(known), 260)}"
-
-
-def cut(text: Any, length: int = 80) -> str:
-    """Return a value as text, cut to `length` characters, for an error message."""
-    text = str(text) if not isinstance(text, int) else reprlib.repr(text) if abs(text) < 2**63 else "a huge number"
-    return text if len(text) <= length else f"{text[: length - 3]}..."
+    return f"Available: {clean(', '.join(known), 260)}"
 
 
 def check_size(value: Any) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol
 
 from heli_twin.experiment.families import members
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.plain import shortened
+from heli_twin.terminal_text import clean
 
 EXTREME_QUANTILES = 0.05, 0.95
 """The quantiles that stand for the ends of a distribution."""
@@ -174,20 +174,20 @@ def axis_of(path: str, written: Any) -> Axis:
         if not written:
             raise StudyError(f"axis '{path}' is empty: give it at least one value")
         if len({repr(value) for value in written}) < len(written):
-            raise StudyError(f"axis '{path}' has the same value twice: {shortened(list(written))}")
+            raise StudyError(f"axis '{path}' has the same value twice: {clean(list(written), 60)}")
         return Values(tuple(written))
     names = [name for name in kinds if name != "values"]
     if not isinstance(written, dict) or len(written) != 1 or next(iter(written)) not in names:
         valid = f"write a list, or one of {', '.join(names)} with its numbers"
-        raise StudyError(f"axis '{path}' = {shortened(written)}: {valid}")
+        raise StudyError(f"axis '{path}' = {clean(written, 60)}: {valid}")
     ((name, numbers),) = written.items()
     wanted = [f.name for f in fields(kinds[name]) if f.name != "kind"]
     if not isinstance(numbers, list | tuple) or len(numbers) != len(wanted) or not all(map(_is_number, numbers)):
-        raise StudyError(f"axis '{path}': {name} takes [{', '.join(wanted)}], not {shortened(numbers)}")
+        raise StudyError(f"axis '{path}': {name} takes [{', '.join(wanted)}], not {clean(numbers, 60)}")
     try:
         return kinds[name](*numbers)
     except StudyError as error:
-        raise StudyError(f"axis '{path}' = {shortened(written)}: {error}") from None
+        raise StudyError(f"axis '{path}' = {clean(written, 60)}: {error}") from None
 
 
 def extremes(axis: Axis) -> list[Any]:

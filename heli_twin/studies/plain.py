@@ -1,10 +1,10 @@
 """Bounds of a study's tables before anything is made of them: what TOML allows and no study means."""
 
 import math
-import reprlib
 from typing import Any
 
 from heli_twin.studies.errors import StudyError
+from heli_twin.terminal_text import clean
 
 MAX_DEPTH = 30
 """Tables and lists inside each other."""
@@ -23,7 +23,7 @@ def check_plain(tree: Any) -> None:
         path, value, depth = waiting.pop()
         where = path.lstrip(".")
         if depth > MAX_DEPTH:
-            raise StudyError(f"{shortened(where)} is nested too deeply: at most {MAX_DEPTH} tables inside each other")
+            raise StudyError(f"{clean(where, 60)} is nested too deeply: at most {MAX_DEPTH} tables inside each other")
         if isinstance(value, dict):
             for key, inner in value.items():
                 _check_name(where, key)
@@ -31,14 +31,14 @@ def check_plain(tree: Any) -> None:
         elif isinstance(value, list | tuple):
             waiting.extend((f"{path}[{i}]", inner, depth + 1) for i, inner in enumerate(value))
         else:
-            _check_value(shortened(where), value)
+            _check_value(clean(where, 60), value)
 
 
 def _check_name(where: str, key: Any) -> None:
     if not isinstance(key, str) or len(key) > MAX_NAME_LENGTH or not key.isprintable():
-        there = f" in {shortened(where)}" if where else ""
+        there = f" in {clean(where, 60)}" if where else ""
         raise StudyError(
-            f"the name {shortened(key)}{there} is no name: write 1 to {MAX_NAME_LENGTH} characters, none of them a"
+            f"the name {clean(key, 60)}{there} is no name: write 1 to {MAX_NAME_LENGTH} characters, none of them a"
             " control character"
         )
 
@@ -53,11 +53,6 @@ def _check_value(where: str, value: Any) -> None:
         if not math.isfinite(value):
             raise StudyError(f"{where} = {value} is not a finite number")
     elif not isinstance(value, str):
-        raise StudyError(f"{where} = {shortened(value)}: write a number, text, a list or a table")
+        raise StudyError(f"{where} = {clean(value, 60)}: write a number, text, a list or a table")
     elif any(not c.isprintable() and c not in "\n\t" for c in value):
-        raise StudyError(f"{where} = {shortened(value)} holds a control character: take it out")
-
-
-def shortened(value: Any) -> str:
-    """A value for a message, with `...` where it is long."""
-    return value if isinstance(value, str) and len(value) < 60 and value.isprintable() else reprlib.repr(value)
+        raise StudyError(f"{where} = {clean(value, 60)} holds a control character: take it out")

@@ -20,9 +20,9 @@ from heli_twin.studies.axes import Values, axis_of
 from heli_twin.studies.columns import check_metrics
 from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.plain import shortened
 from heli_twin.studies.space import Alternative, Space, value_at, varied
 from heli_twin.studies.study import Study, with_own_members
+from heli_twin.terminal_text import clean
 
 MAX_AXES = 100
 HUGE_COUNT = 10**15
@@ -148,7 +148,7 @@ def _base(study: Study) -> str:
     changes = dict(study.base)
     preset = changes.pop("preset", None)
     if preset is not None and not isinstance(preset, str):
-        raise StudyError(f"base.preset = {shortened(preset)} names no preset. Available: {', '.join(presets())}")
+        raise StudyError(f"base.preset = {clean(preset, 60)} names no preset. Available: {', '.join(presets())}")
     start = canonical_json(load(preset))
     return canonical_json(experiment_of(varied(start, changes)))
 
@@ -164,7 +164,7 @@ def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
     if study.alternatives:
         for name, changes in study.alternatives.items():
             if not isinstance(changes, dict):
-                text = shortened(changes)
+                text = clean(changes, 60)
                 raise StudyError(f"alternatives.{name} = {text}: write the changes it stands for as a table")
         return tuple(Alternative(name, dict(changes)) for name, changes in study.alternatives.items()), ""
     families = {name for name, part in fields_of(Experiment).items() if isinstance(part.family, OneOf)}

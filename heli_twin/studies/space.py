@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from heli_twin.experiment.own import refuse_commands
-from heli_twin.experiment.text import put
+from heli_twin.experiment.text import put_part
 from heli_twin.experiment.tree import Tree, parsed
 from heli_twin.studies.axes import Axis
 
@@ -50,7 +50,7 @@ def varied(base: str, changes: Mapping[str, Any]) -> Tree:
     for path, value in changes.items():
         # A linspace over a horizon gives 12.0 and 13.5.
         counts = type(value_at(tree, path)) is int and isinstance(value, float)
-        put(tree, path, round(value) if counts else value)
+        put_part(tree, path, round(value) if counts else value)
     refuse_commands(tree)
     return tree
 

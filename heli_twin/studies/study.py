@@ -14,13 +14,13 @@ from controllers.markers import OneOf
 from controllers.programs import beside
 from heli_twin.experiment.families import DESIGNS, HELI_TWIN, all_members, is_reference, members, own_member_in
 from heli_twin.experiment.own import OWN, mark_of, with_commands
-from heli_twin.experiment.text import assignment, with_content, with_members
+from heli_twin.experiment.text import assignment, part_in, with_content, with_members
 from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
 from heli_twin.studies.designs import Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.plain import MAX_NAME_LENGTH, check_plain, shortened
-from heli_twin.terminal_text import instead
+from heli_twin.studies.plain import MAX_NAME_LENGTH, check_plain
+from heli_twin.terminal_text import clean, instead
 from heli_twin.tuning.record import uncommented
 
 
@@ -98,7 +98,7 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
     known = shipped()
     path = known.get(source, Path(source))
     if source not in known and path.suffix != ".toml":
-        raise StudyError(f"unknown study {instead(shortened(source), known)}; a file of your own ends in .toml")
+        raise StudyError(f"unknown study {instead(source, known)}; a file of your own ends in .toml")
     tree = _parsed(path, _text(path))
     tree.setdefault("name", path.stem)
     check_plain(tree)
@@ -136,11 +136,11 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        raise StudyError(f"cannot read {shortened(str(path))}: {error.strerror}") from None
+        raise StudyError(f"cannot read {clean(path, 200)}: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise StudyError(f"cannot read {shortened(str(path))}: it is not UTF-8 text") from None
+        raise StudyError(f"cannot read {clean(path, 200)}: it is not UTF-8 text") from None
     except ValueError:
-        raise StudyError(f"cannot read {shortened(str(path))}: it is no file name") from None
+        raise StudyError(f"cannot read {clean(path, 200)}: it is no file name") from None
 
 
 def _parsed(path: Path, text: str) -> Tree:
@@ -188,14 +188,8 @@ def _files(changes: Tree) -> dict[str, Path]:
 
 def _part(path: Path, part: str) -> tuple[Tree, list[Tree]]:
     """A part of an experiment in a file, and the record of its tuning if it has one."""
-    text = _text(path)
-    table: Any = _parsed(path, text)
-    for key in part.split("."):
-        table = table.get(key) if isinstance(table, dict) else None
-    table = with_members(part, table, path.parent)
-    if not isinstance(table, dict):
-        raise StudyError(f"{path} has no table [{part}]")
-    record = _parsed(path, uncommented(text))
+    table = part_in(str(path), part)
+    record = _parsed(path, uncommented(_text(path)))
     return table, [record] if record else []
 
 

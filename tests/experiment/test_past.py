@@ -18,7 +18,9 @@ from heli_twin.logbook import flown_experiment, physics_notice, physics_version,
 from heli_twin.metrics.tracking import metrics
 from heli_twin.reanalysis.refly import refly
 from heli_twin.recording import Log, read_log
+from heli_twin.studies.plan import plan_of
 from heli_twin.studies.space import varied
+from heli_twin.studies.study import load_study
 
 LOGS = sorted((Path(__file__).parent / "past").glob("physics*.mcap"))
 CAME_IN_3 = {
@@ -135,6 +137,17 @@ def test_a_part_from_a_file_of_an_older_version_gets_the_past_and_the_rest_today
     file.write_text("physics = 2\n[plant]\ndrag_z = 0.01\n")
     read = load(None, [f"plant={file}"])
     assert read == load(None, ["plant.mass=0.031", "plant.drag_z=0.01"])
+    for part in (f"[base]\nplant = '{file}'", f"[alternatives]\nold = {{plant = '{file}'}}"):
+        (tmp_path / "study.toml").write_text(part)
+        plan = plan_of(load_study(str(tmp_path / "study.toml")))
+        (run,) = plan.runs(next(plan.batches()))
+        assert parsed(run.experiment)["plant"]["mass"] == 0.031
+
+
+@pytest.mark.parametrize("version", [0, PHYSICS_VERSION + 1])
+def test_a_table_of_no_version_has_an_unknown_field(version: int) -> None:
+    with pytest.raises(HeliTwinError, match=r"unknown field 'plant\.physics'"):
+        load(None, [f"plant={{physics={version}, mass=0.03}}"])
 
 
 @pytest.mark.parametrize("version", ["0", "-1", "2.5", "'3'", "true", str(PHYSICS_VERSION + 1), "9" * 18])

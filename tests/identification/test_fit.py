@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from heli_twin.identification.data import ROW_S, Equation, Stretch, _Sent
+from controllers.signals import Command, Pose
+from heli_twin.experiment import Experiment
+from heli_twin.identification.data import ROW_S, Equation, Stretch, _Sent, stretches
 from heli_twin.identification.fit import (
     MEMORY_S,
     AxisFit,
@@ -18,7 +20,9 @@ from heli_twin.identification.fit import (
     fit_axis,
     half_widths,
 )
+from heli_twin.identification.flights import experiments
 from heli_twin.identification.identify import Identified
+from heli_twin.recording import Recorder
 
 ACCEL = (np.array([1.0, -1.0]),)
 
@@ -141,6 +145,40 @@ def test_a_lagged_input_fades_from_one_value_to_the_next():
     rise = np.maximum(np.append(ends, 0.2) - 0.04, 0.0)
     means = np.diff(rise + lag * np.exp(-rise / lag)) / 0.01
     np.testing.assert_allclose(sent([0.0, 0.0] + [1.0] * 8, t)(1, lag, lag), means, atol=1e-12)
+
+
+def still_log(poses):
+    """A helicopter that stands in the air, seen every 10 ms from 1.005 s on."""
+    recorder, at = Recorder(), np.array([0.0, 0.0, 1.0])
+    for k in range(500):
+        recorder.sent(20_000_000 * k, Command(20_000_000 * k, np.array([0.0, 0.0, 0.5, 0.0])))
+    for k in range(poses):
+        t = 1_005_000_000 + 10_000_000 * k
+        recorder.pose(t, Pose(t, at, np.array([1.0, 0.0, 0.0, 0.0])))
+    recorder.close("completed", 10**10)
+    return recorder.log()
+
+
+@pytest.mark.parametrize("poses", range(700, 710))
+def test_a_stretch_reaches_from_its_first_pose_to_its_last(poses):
+    (stretch,) = stretches(still_log(poses), "still")
+    # The grid ends before the last pose, two samples go to the derivatives, 41 to the window; every tenth is kept.
+    assert len(stretch.time) == (poses - 1 - 2 - 41) // 10 + 1
+    # The middle of the first window.
+    assert stretch.time[0] == pytest.approx(1.005 + 0.01 + 0.2, abs=1e-9)
+
+
+def test_a_stretch_lasts_five_seconds():
+    assert not list(stretches(still_log(500), "4.99 s"))
+    assert list(stretches(still_log(502), "5.01 s"))
+
+
+def test_the_default_flights_are_six_in_the_plane_and_two_in_height_and_yaw():
+    flights = experiments(Experiment(seed=3))
+    assert [(f.trajectory.axes, f.duration, f.seed) for f in flights] == [
+        *(("plane", 60.0, 3 + i) for i in range(6)),
+        *(("height_and_yaw", 40.0, 9 + i) for i in range(2)),
+    ]
 
 
 def lagged(u):

@@ -19,9 +19,6 @@ from heli_twin.lab.mocap import Arrival
 from heli_twin.lab.plant import Battery, Plant, Truth
 from heli_twin.lab.radio import Held
 
-LONGEST_GAP_S = 1e6
-"""A gap between two faults by chance that no flight reaches: a small rate would give one that no integer holds."""
-
 Start = Annotated[float, Ge(0), Le(36_000), Unit("s"), doc("when it begins")]
 Duration = Annotated[float, Ge(0), Le(36_000), Unit("s"), doc("how long it lasts")]
 Rate = Annotated[float, Ge(0), Le(10), Unit("1/s"), doc("how often it comes by chance from `start` on; 0: once")]
@@ -150,6 +147,6 @@ class Spells:
         """Return when the spell that lasts at `t` began, ns; None if there is none."""
         while self._rate and (not self._starts or self._starts[-1] <= t):
             last = self._starts[-1] if self._starts else self._first
-            self._starts.append(last + nanoseconds(min(self._rng.exponential(1.0 / self._rate), LONGEST_GAP_S)))
+            self._starts.append(last + nanoseconds(self._rng.exponential(1.0 / self._rate)))
         newest = bisect_right(self._starts, t) - 1
         return self._starts[newest] if newest >= 0 and t < self._starts[newest] + self._duration else None
