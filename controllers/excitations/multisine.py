@@ -53,6 +53,12 @@ class Multisine:
         """Root mean square on each input."""
         return (self.pitch, self.roll, self.thrust, self.yaw)
 
+    @property
+    def frequencies(self) -> tuple[Array, Array, Array, Array]:
+        """Angular frequencies of the lines on each input, rad/s."""
+        pitch, roll, thrust, yaw = (w for w, _, _ in _waves(self))
+        return pitch, roll, thrust, yaw
+
     def inputs(self, t: Array) -> Array:
         """Return the excitation (n, 4) at the times (n,), s."""
         return np.stack([np.sin(np.multiply.outer(t, w) + p) @ a for w, p, a in _waves(self)], axis=-1)

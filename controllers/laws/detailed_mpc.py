@@ -40,7 +40,7 @@ class DetailedMpc:
     ] = (50.0, 50.0, 5.0, 10.0, 0.0, 0.0, 0.0, 2.0)
     R: Annotated[
         tuple[InputWeight, InputWeight, InputWeight, InputWeight], doc("input weights: pitch, roll, thrust, yaw")
-    ] = (0.7, 0.7, 0.2, 2.0)
+    ] = (0.7, 0.7, 1.0, 2.0)
     model: Annotated[DetailedModel, doc("the helicopter as the controller believes it")] = field(
         default_factory=DetailedModel
     )
