@@ -18,8 +18,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "the ground station does not know of, on the twin and on the helicopter that the law believes in. The gain\n"
         "margin is the factor on a stick's effect at which the loop becomes unstable, the delay margin the further\n"
         "delay at which it does. Ms, the peak sensitivity, is the factor by which the loop amplifies a disturbance at\n"
-        "its worst frequency: below 2 is robust, above 3 is near a limit cycle. Battery, ground effect, servo play and\n"
-        "spool-up are left out, for they are not linear.",
+        "its worst frequency: below 2 is robust, above 3 is near a limit cycle. Battery, ground effect, servo play\n"
+        "and spool-up are left out, for they are not linear.",
         "  heli-twin margins                                    # the lab\n"
         "  heli-twin margins controller.terminal=riccati\n"
         "  heli-twin margins detailed plant.attitude_frequency=10\n"

@@ -69,7 +69,7 @@ def loop_responses(log: Log, probe: Multisine, settled: float = 5.0) -> dict[str
     for i, (axis, w) in enumerate(zip(AXES, probe.frequencies, strict=True)):
         turn = np.exp(-1j * np.multiply.outer(w, t))
         sensitivity = (turn @ (u[:, i] + d[:, i])) / (turn @ d[:, i])
-        responses[axis] = LoopResponse(w, 1.0 / sensitivity - 1.0)
+        responses[axis] = LoopResponse(w, np.asarray(1.0 / sensitivity - 1.0, np.complex128))
     return responses
 
 
