@@ -214,7 +214,7 @@ class Twin:
         mujoco.mj_forward(model, data)
         if self._touching() and data.contact.dist.min() < -0.002:
             raise ValueError(
-                f"at a height of {float(x[2]):g} m the helicopter would stand {-data.contact.dist.min():.3f} m in the"
+                f"at a height of {float(x[2]):g} m the helicopter would stand {-data.contact.dist.min():.3g} m in the"
                 " floor: start higher (the height is that of its centre of gravity)"
             )
 

@@ -1,9 +1,12 @@
 """A helicopter of a user's own: an MJCF that keeps the contract flies here, any other is refused in one sentence."""
 
 import json
+import random
+from copy import deepcopy
 from dataclasses import replace
 from math import sqrt
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -414,3 +417,36 @@ def test_what_costs_memory_is_left_out(tmp_path):
         ("<worldbody>", '<size memory="100G" nuser_body="1000000000"/><worldbody>'),
     )
     assert Airframe(model=big) == Airframe(model=TEXT)
+
+
+STRANGE = ["0", "-1", "1e308", "nan", "inf", "", "a", "1 2 3 4 5 6 7 8 9", "true", "cog", "u_x", "\ud7ff", "mesh"]
+
+
+def damaged(seed: int) -> str:
+    """A model of ours with some attributes replaced, and elements left out or doubled."""
+    chance = random.Random(seed)
+    root = ET.fromstring(TEXT if seed % 2 else model_file().read_text())
+    for _ in range(chance.choice([1, 1, 2, 4])):
+        parent, child = chance.choice([(parent, child) for parent in root.iter() for child in parent])
+        what = chance.random()
+        if what < 0.7 and child.attrib:
+            child.set(chance.choice(list(child.attrib)), chance.choice(STRANGE))
+        elif what < 0.85:
+            parent.remove(child)
+        else:
+            parent.append(deepcopy(child))
+    return ET.tostring(root, encoding="unicode")
+
+
+@pytest.mark.parametrize("first", [0, *(pytest.param(n, marks=pytest.mark.long) for n in range(40, 800, 40))])
+def test_a_damaged_model_has_an_outcome_or_is_refused_in_one_sentence(first):
+    for seed in range(first, first + 40):
+        try:
+            result = fly(Experiment(plant=Airframe(model=damaged(seed)), duration=0.2), log_dir=None)
+        except (ValueError, HeliTwinError) as refusal:
+            text = str(refusal)
+            assert text.startswith(("model ", "the flight cannot start: ")), seed
+            assert len(text) < 500, seed
+            assert text.isprintable(), seed
+        else:
+            assert result.outcome.kind in ("completed", "crashed", "left_volume", "diverged", "landed"), seed
