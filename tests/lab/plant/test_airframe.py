@@ -10,13 +10,15 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from controllers.model import GRAVITY, Model
 from heli_twin import Experiment, HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.experiment.tree import canonical_json, from_json, toml_of
 from heli_twin.lab.plant import STILL_AIR, Air, physical_state
-from heli_twin.lab.plant.airframe import Airframe, shape_of
+from heli_twin.lab.plant.airframe import Airframe, _rpy, shape_of
 from heli_twin.lab.plant.mjcf_text import MAX_MESH_BYTES, MAX_TEXT_BYTES
 from heli_twin.lab.plant.mujoco import MuJoCo, model_file
 
@@ -277,6 +279,39 @@ def test_a_text_that_does_not_compile_is_drawn_as_a_ball():
     (ball,) = shape_of(Airframe(model="<mujoco/>"))
     assert ball.kind == "sphere"
     assert shape_of(MuJoCo()) == ()
+
+
+def test_shapes_have_whole_sizes():
+    """MJCF has half sizes of boxes and half lengths of cylinders."""
+    parts = shape_of(Airframe(model=TEXT))
+    assert next(part.size for part in parts if part.kind == "box") == pytest.approx((0.056, 0.040, 0.016))
+    assert [part.size for part in parts if part.kind == "cylinder"][-1] == pytest.approx((0.032, 0.002))
+    assert next(part.size for part in parts if part.kind == "ellipsoid") == pytest.approx((0.016, 0.003, 0.008))
+
+
+@given(*[st.floats(-3.1, 3.1)] * 3)
+@example(0.0, np.pi / 2, 0.7)
+@example(1.2, -np.pi / 2, 0.0)
+@example(np.pi / 2, 0.0, 0.3)
+def test_roll_pitch_and_yaw_turn_as_the_matrix_does(roll, pitch, yaw):
+    (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+
+    def matrix(cr, sr, cp, sp, cy, sy):
+        return (
+            np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+            @ np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+            @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+        )
+
+    R = matrix(cr, sr, cp, sp, cy, sy)
+    again = [f(angle) for angle in _rpy(R) for f in (np.cos, np.sin)]
+    # Next to straight up the arc sine and the limit of 1e-9 leave 1e-4.
+    np.testing.assert_allclose(matrix(*again), R, atol=1e-7 if abs(sp) < 0.999 else 2e-4)
+
+
+def test_an_airframe_without_damping_hovers_in_its_trials():
+    """They begin at rest: what nothing stops would go on."""
+    Airframe(model=changed(('biasprm="0 0 -0.0004"', 'biasprm="0 0 0"'), (' viscosity="0.02"', "")))
 
 
 def test_check_says_what_is_kept_and_what_is_not(tmp_path, capsys):

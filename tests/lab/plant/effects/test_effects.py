@@ -180,6 +180,13 @@ def test_the_voltage_of_a_cell_without_load_falls_with_its_charge():
     assert open_voltage(0.05) == pytest.approx(3.45, abs=1e-12)
 
 
+def test_the_current_grows_with_the_power_three_halves_of_the_thrust():
+    """Momentum theory: power is thrust times induced speed, which grows with its root. A payload asks for more."""
+    spec = BatterySpec()
+    loaded = MuJoCo(effects=(spec, Payload(mass=0.007))).start(at()).battery()
+    assert loaded.current == pytest.approx(spec.idle_current + spec.hover_current * (35 / 28) ** 1.5, rel=1e-12)
+
+
 def test_a_full_battery_gives_the_nominal_thrust_and_a_low_one_needs_more_throttle():
     assert trim_of(twin(BatterySpec()))[2] == pytest.approx(HOVER[2], rel=1e-12)
     low = BatterySpec(charge=0.3)
