@@ -311,7 +311,13 @@ def test_roll_pitch_and_yaw_turn_as_the_matrix_does(roll, pitch, yaw):
 
 def test_an_airframe_without_damping_hovers_in_its_trials():
     """They begin at rest: what nothing stops would go on."""
-    Airframe(model=changed(('biasprm="0 0 -0.0004"', 'biasprm="0 0 0"'), (' viscosity="0.02"', "")))
+    Airframe(model=changed(('biasprm="0 0 -0.0004"', 'biasprm="0 0 0"'), (' viscosity="0.02"', ""))).start(UP)
+
+
+def test_a_text_has_at_most_the_length_of_its_own_and_of_its_meshes():
+    most = MAX_TEXT_BYTES + 2 * MAX_MESH_BYTES
+    with pytest.raises(ValueError, match=f"has {most + 1:,} characters: at most {most:,} are allowed"):
+        Airframe(model="<" + most * " ").start(UP)
 
 
 def test_check_says_what_is_kept_and_what_is_not(tmp_path, capsys):
