@@ -39,7 +39,7 @@ MISTAKES = {
 
 
 SHOWN = {"infeasible trajectory", "inside the floor"}
-"""What can be shown and not flown."""
+"""Experiments that can be shown and not flown."""
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What a log tells of itself, as text, as JSON and as tables."""
+"""A log tells of itself, as text, as JSON and as tables."""
 
 import json
 from dataclasses import replace

@@ -42,7 +42,7 @@ COMMANDS = {
     "recover": ["recover", "broken.mcap.part"],
 }
 GIVEN = ("run.mcap", "poses.csv", "broken.mcap.part")
-"""What the commands read."""
+"""Files that the commands read."""
 LATEST_S = 4.0
 """Kills come at any time up to this, or up to the end of a command that takes less."""
 IN_CI = [

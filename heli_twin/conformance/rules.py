@@ -1,4 +1,4 @@
-"""What every check uses: the error of a broken rule, and comparisons that raise it."""
+"""Shared by all checks: the error of a broken rule, and comparisons that raise it."""
 
 from collections.abc import Sequence
 from typing import Any

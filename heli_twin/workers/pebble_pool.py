@@ -10,13 +10,15 @@ from contextlib import contextmanager
 from multiprocessing import forkserver
 from typing import Any
 
-from pebble import ProcessExpired, ProcessPool
+from pebble import CONSTS, ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.workers.engine import Trouble
 from heli_twin.workers.stopping import end_with_parent
 
+CONSTS.term_timeout = 0.1
+"""Time that pebble gives each worker to end, s, before it kills it, one after the other; a worker has nothing to do at its end."""
 RUNS_PER_PROCESS = 200
 """After so many runs a process is replaced by a fresh one, whatever its libraries have leaked."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")

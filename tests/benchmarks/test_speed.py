@@ -1,4 +1,4 @@
-"""How fast it is: `pytest tests/benchmarks --benchmark-only`. Nothing here can fail for being slow.
+"""Times of the parts: `pytest tests/benchmarks --benchmark-only`. Nothing here can fail for being slow.
 
 Run it on an idle machine; `--benchmark-json FILE` keeps every round. The peer of the solver runs in the same process on
 the same problems, so that their ratio holds on a noisy machine too.

@@ -19,7 +19,7 @@ from controllers.trajectories.hover import Hover
 PERIOD = 0.02
 MODEL = Model()
 SOLVER = 2e-4
-"""What the solver leaves: residuals of 1e-5 in 76 gradients at a curvature of 2."""
+"""Error that the solver leaves: residuals of 1e-5 in 76 gradients at a curvature of 2."""
 
 
 def estimate(x):

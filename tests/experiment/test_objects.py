@@ -1,4 +1,4 @@
-"""What is handed over as an object flies as that object, or is refused in one sentence; NumPy's values are welcome."""
+"""An object that is handed over flies as it is, or is refused in one sentence; NumPy's values are welcome."""
 
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal

@@ -8,7 +8,7 @@ from heli_twin import fly, load
 
 START = 3.0
 FAULTS = {"pose_frozen": 0.5, "pose_flip": 0.2, "pose_swap": 0.3}
-"""How long each lasts, s; the swap moves the poses by its default of 0.3 m."""
+"""Duration of each, s; the swap moves the poses by its default of 0.3 m."""
 
 
 def errors(preset, trajectory, seed, fault):

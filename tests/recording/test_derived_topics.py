@@ -1,4 +1,4 @@
-"""What is derived for viewers, read as they do: by protobuf and as CDR."""
+"""Topics that are derived for viewers, read as they do: by protobuf and as CDR."""
 
 import struct
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What a wire is told is what a log says."""
+"""A log says what its wires were told."""
 
 import numpy as np
 import pytest

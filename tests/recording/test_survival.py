@@ -1,4 +1,4 @@
-"""What happens to a log when its flight is killed, its disk is full, or its folder goes away.
+"""A log whose flight is killed, whose disk is full, or whose folder goes away.
 
 `KILLS=100 pytest tests/recording/test_survival.py -k kill -s` kills a hundred flights and prints what each lost.
 """

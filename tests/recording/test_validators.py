@@ -1,4 +1,4 @@
-"""What independent programs say of a log; each has its own parser."""
+"""Independent programs read a log, each with its own parser."""
 
 import json
 import shutil

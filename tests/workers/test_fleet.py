@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from functools import partial
 
 import hooks
@@ -11,7 +12,7 @@ from threadpoolctl import threadpool_info
 from heli_twin import HeliTwinError, read_log
 from heli_twin.recording import LogExistsError, Recorder
 from heli_twin.workers.fleet import fleet
-from heli_twin.workers.pebble_pool import THREAD_VARIABLES
+from heli_twin.workers.pebble_pool import THREAD_VARIABLES, PebblePool
 from heli_twin.workers.stopping import stoppable
 
 
@@ -36,6 +37,27 @@ def die(x):
 def test_a_worker_that_dies_is_one_sentence():
     with fleet(2) as run, pytest.raises(HeliTwinError, match=r"its process died \(SIGKILL\)"):
         list(run(die, [1]))
+
+
+def refuse_to_end(folder):
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    (folder / str(os.getpid())).touch()
+    time.sleep(60)
+
+
+def test_leaving_a_fleet_takes_seconds_whatever_its_workers_do(tmp_path):
+    """Also for those who call it from Python, where no timer of a command ends the process."""
+    with PebblePool(3, timeout=None) as pool:
+        for _ in range(3):
+            pool.submit(refuse_to_end, tmp_path)
+        while len(list(tmp_path.iterdir())) < 3:
+            time.sleep(0.01)
+        left = time.monotonic()
+    # 0.1 s for each that is asked in vain; twice and five times that for a busy machine.
+    assert time.monotonic() - left < 3.0
+    for file in tmp_path.iterdir():
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(file.name), 0)
 
 
 def threads(name):

@@ -1,4 +1,4 @@
-"""How a helicopter hangs in the world: its state is read from the joints of its body, and set there at the start.
+"""The motion of a helicopter: its state is read from the joints of its body, and set there at the start.
 
 The engine's own sensors and body frames would be one step old.
 """
