@@ -18,7 +18,7 @@ from heli_twin.workers.engine import Trouble
 from heli_twin.workers.stopping import end_with_parent
 
 CONSTS.term_timeout = 0.1
-"""Time that pebble gives each worker to end, s, before it kills it, one after the other; a worker has nothing to do at its end."""
+"""Time that pebble gives a worker to end, s, before it kills it, one after the other; nothing is lost with a worker."""
 RUNS_PER_PROCESS = 200
 """After so many runs a process is replaced by a fresh one, whatever its libraries have leaked."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
