@@ -21,7 +21,7 @@ from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import origin_of, source_of
-from heli_twin.experiment.own import OWN, other_program, other_sources, own_classes
+from heli_twin.experiment.own import OWN, ClassMissing, other_program, other_sources, own_classes
 from heli_twin.experiment.past import PHYSICS_VERSION, UNRECORDED_VERSION
 from heli_twin.experiment.tree import (
     ExperimentError,
@@ -36,6 +36,7 @@ from heli_twin.lab.plant.airframe import shape_of
 from heli_twin.recording import Attachment, Log, Recorder
 from heli_twin.recording.state_names import EXTRA_STATES, names_of
 from heli_twin.recording.writer import Listener
+from heli_twin.terminal_text import clean
 from heli_twin.whole_file import whole_file
 
 LOGGED_PACKAGES = ("heli-twin", "mujoco", "numpy", "proxsuite", "mcap", "rerun-sdk", "pydantic")
@@ -157,6 +158,10 @@ def flown_experiment(log: Log) -> Experiment:
     """
     try:
         return from_json(log.experiment)
+    except ClassMissing as error:
+        origins = dict.fromkeys(clean(text, 60) for key, text in log.metadata.items() if key.startswith("own."))
+        came_from = ", ".join(origins)
+        raise ClassMissing(f"{error}" + (f"; what was flown came from {came_from}" * bool(came_from))[:150]) from None
     except ExperimentError as error:
         raise ExperimentError(f"the log's experiment is none of this version of heli_twin: {error}") from None
 

@@ -45,18 +45,26 @@ def changes(before: Tree, after: Tree, here: str = "") -> Iterator[Change]:
         elif old is None:
             # Only disturbances, faults and effects can be added and removed.
             yield Change(path, "off", _added(key, value), is_member=True)
-            if OWN not in value:
-                yield from changes(_defaults(path, value["kind"]), value, f"{path}.")
+            yield from _beyond_defaults(value, path)
         elif value.get("kind") != before[key].get("kind"):
             yield Change(path, before[key]["kind"], value["kind"], is_member=True)
-            if OWN not in value:
-                yield from changes(_defaults(path, value["kind"]), value, f"{path}.")
+            yield from _beyond_defaults(value, path)
         else:
             yield from changes(before[key], value, f"{path}.")
     for key, value in before.items():
         # A log of a stranger may leave out a field: it has its default value.
         if key not in after and isinstance(value, dict) and "kind" in value:
             yield Change(f"{here}{key}", _added(key, value), "off", is_member=True)
+
+
+def _beyond_defaults(member: Tree, path: str) -> Iterator[Change]:
+    """Yield the fields of a new member that differ from their defaults; of a class of a user's own all but tables."""
+    if OWN not in member:
+        yield from changes(_defaults(path, member["kind"]), member, f"{path}.")
+        return
+    for key, value in member.items():
+        if key not in ("kind", OWN) and not isinstance(value, dict):
+            yield Change(f"{path}.{key}", None, value)
 
 
 def _added(name: str, member: Tree) -> str:

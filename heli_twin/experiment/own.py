@@ -85,8 +85,12 @@ def require_own(mark: Any, path: str) -> None:
         raise _absent(mark, path)
 
 
+class ClassMissing(ExperimentError):
+    """A class of a user's own that an experiment was flown with, and that is not here."""
+
+
 def _absent(mark: Any, path: str) -> ExperimentError:
-    return ExperimentError(
+    return ClassMissing(
         f"{path} is of a class of its user's own, {str(mark)[:80]!r}, which is not here: name the file or the"
         " import path of the class, as in --with ./my_law.py, or a member of heli_twin in its place"
     )

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen, doc
 
@@ -16,10 +16,11 @@ from heli_twin.experiment.families import DESIGNS, HELI_TWIN, all_members, is_re
 from heli_twin.experiment.own import OWN, mark_of, with_commands
 from heli_twin.experiment.text import assignment, part_in, with_content, with_members
 from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
-from heli_twin.studies.designs import Design
+from heli_twin.studies.designs import Batches, Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plain import MAX_NAME_LENGTH, check_plain
+from heli_twin.studies.space import Space
 from heli_twin.terminal_text import clean, instead
 from heli_twin.tuning.record import uncommented
 
@@ -210,7 +211,7 @@ def with_own_members(study: Study) -> Study:
 
 
 def stored_study(tree: Tree) -> Study:
-    """The study of a store, which is foreign: no file that it names is read, and a design of its user's own is a grid.
+    """The study of a store, which is foreign: no file that it names is read, and no class of a user's own is needed.
 
     Raises:
         ExperimentError: Names the field, its value and what it may be.
@@ -218,8 +219,32 @@ def stored_study(tree: Tree) -> Study:
     check_plain(tree)
     design = tree.get("design")
     if isinstance(design, dict) and OWN in design:
-        tree = {**tree, "design": {"kind": "grid"}}
+        return replace(_study({**tree, "design": {"kind": "grid"}}), design=FlownDesign())
     return _study(tree)
+
+
+@dataclass(frozen=True, slots=True)
+class FlownDesign:
+    """What stands for a design of a user's own when its flights are looked at: it plans nothing more."""
+
+    adaptive: ClassVar[bool] = False
+    kind: Literal["flown"] = "flown"
+
+    def check(self, space: Space) -> None:
+        """Refuse to plan.
+
+        Raises:
+            StudyError: Always.
+        """
+        raise StudyError("the design of this study is a class of its user's own: name the study's file to fly it again")
+
+    def count(self, space: Space) -> int:
+        """No runs."""
+        return 0
+
+    def batches(self, space: Space) -> Batches:
+        """Yield nothing."""
+        yield from ()
 
 
 def _study(tree: Tree) -> Study:

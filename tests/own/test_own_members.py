@@ -106,11 +106,14 @@ def test_a_log_needs_the_class_to_fly_again_and_for_nothing_else(
     assert main(["info", str(run)]) == 0
     out = capsys.readouterr().out
     assert "MyLaw" in out
-    assert "disturbances.up=thermal" in out
+    assert "disturbances.up=thermal disturbances.up.strength=0.3" in out
+    assert "controller=my_law controller.gain=0.8" in out
     assert main(["replay", str(run), "--save", str(mine / "x.rrd")]) == 0
     assert main(["export", str(run), "--parquet", str(mine / "tables")]) == 0
     assert main(["refly", str(run)]) == 2
-    assert "--with ./my_law.py" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "--with ./my_law.py" in error
+    assert "what was flown came from my_law.py, helix.py" in error
     words = ["--with", str(kept / "my_law.py"), "--with", str(kept / "helix.py")]
     assert main(["refly", str(run), *words]) == 0
     assert "identical" in capsys.readouterr().out
@@ -151,6 +154,7 @@ controller = "./my_law.py"
 trajectory = "hover"
 [axes]
 "controller.gain" = { uniform = [0.5, 1.0] }
+"controller.model.b_x" = { uniform = [1.9, 2.1] }
 """
 
 
@@ -166,6 +170,7 @@ def test_a_design_of_ones_own_chooses_the_flights(
     rows = rows_of(Path("out"))
     assert [(row["controller.gain"], row["seed"]) for row in rows] == [
         *((None, 0), (None, 1), (0.5, 0), (0.5, 1), (0.75, 0), (0.75, 1)),
+        *[(None, 0), (None, 1)] * 2,
     ]
     assert {row["outcome"] for row in rows} == {"completed"}
     store = Path("out/results.sqlite").read_bytes()
