@@ -69,12 +69,12 @@ def run(parsed: Namespace) -> int:
         say(f"{parsed.poses}: {recognised(parsed.poses).TITLE}")
         take, recording = read_recording(parsed.poses, reading)
         say(f"bodies: {', '.join(take.bodies) or 'one without a name'}")
-        _report(take, recording)
+        _report(take, recording, parsed.frame)
         return 0
     out = parsed.out or parsed.poses.with_suffix(".mcap")
     imported = import_poses(parsed.poses, out, reading, parsed.overrides)
     say(f"wrote {out}")
-    _report(imported.take, imported.recording)
+    _report(imported.take, imported.recording, parsed.frame)
     if imported.refused > SUSPICIOUS_SHARE * len(imported.recording.time):
         print(
             f"the estimator refused {imported.refused} poses: are they in m and rad, and is the world north-west-up?",
@@ -83,7 +83,7 @@ def run(parsed: Namespace) -> int:
     return 0
 
 
-def _report(take: "Take", recording: "Clean") -> None:
+def _report(take: "Take", recording: "Clean", frame: str) -> None:
     """Print what a recording holds and what was wrong with it."""
     from heli_twin.exchange.frames import FRAMES
 
@@ -93,7 +93,7 @@ def _report(take: "Take", recording: "Clean") -> None:
         f"{take.title}: {len(recording.time)} poses{body} at {recording.rate:.1f} Hz, {seconds:.2f} s,"
         f" {recording.lost} rows without one, {len(recording.command_time)} commands"
     )
-    say(f"axes in the file: {FRAMES[take.frame].text}")
+    say(f"axes in the file: {FRAMES[frame or take.frame].text}")
     for note in take.notes:
         say(f"assumed: {note}")
     for blemish in recording.blemishes:

@@ -67,7 +67,7 @@ def clean(take: Take, *, frame: str = "", unit: str = "", rate: float = 0.0) -> 
     Args:
         take: As its file has it.
         frame: Of its axes, a key of `FRAMES`; empty for the take's own.
-        unit: Of its lengths, a key of `LENGTH_UNITS_M`; empty for the take's own, or metres.
+        unit: Of its lengths, a key of `LENGTH_UNITS_M`, whatever the file says; empty for the take's own.
         rate: Frames a second, where the time column counts frames; 0 for none.
 
     Raises:
@@ -81,7 +81,9 @@ def clean(take: Take, *, frame: str = "", unit: str = "", rate: float = 0.0) -> 
     start = time[known][0]
     time, arrival = time - start, _arrival(take, rate) - start
     _check_arrival(take, time, arrival)
-    position = take.position * (LENGTH_UNITS_M[unit or "m"] if take.length_unit == "unknown" else 1.0)
+    if unit and take.length_unit == "mapped":
+        raise ImportRefused(f"--units {unit}: the map has factors of lengths already; leave one of the two out")
+    position = take.position * (LENGTH_UNITS_M[unit] / LENGTH_UNITS_M[take.length_unit] if unit else 1.0)
     position, quat_wxyz = to_ours(FRAMES[frame or take.frame], position, _unit_quaternions(take))
     order = _order(time, known, found)
     time, arrival, position, quat_wxyz = time[order], arrival[order], position[order], quat_wxyz[order]

@@ -255,3 +255,45 @@ def test_list_shows_what_is_recognised_and_writes_nothing(tmp_path: Path, capsys
     assert "heli:heli" in out
     assert "300 poses of heli:heli at 100.0 Hz" in out
     assert [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("unit", ["mm", "cm", "in", "ft"])
+@pytest.mark.parametrize("export", ["tum", "motive", "vicon tracker", "qualisys", "euroc"])
+def test_the_unit_that_the_user_says_is_that_of_the_file(tmp_path: Path, export: str, unit: str) -> None:
+    """Also where the header or the format says another: whoever made the file may have scaled it."""
+    path, said = EXPORTS[export][0](tmp_path / "recording"), {"tum": 1.0, "euroc": 1.0}.get(export, 1e-3)
+    body = Options(body="heli" if export == "motive" else "")
+    _, as_it_says = read_recording(path, Reading(body))
+    _, recording = read_recording(path, Reading(body, unit=unit, is_checked=False))
+    metres = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}[unit]
+    np.testing.assert_allclose(recording.position, as_it_says.position / said * metres, rtol=1e-12)
+
+
+def test_a_factor_in_the_map_and_units_contradict_each_other(tmp_path: Path) -> None:
+    path = write(tmp_path / "t.csv", ["time,px,py,pz,yaw"], np.column_stack([T, 1e3 * position(T), yaw(T)]))
+    options = Options(columns="x=px*0.001,y=py*0.001,z=pz*0.001")
+    np.testing.assert_allclose(read_recording(path, Reading(options))[1].position, position(T), atol=1e-9)
+    with pytest.raises(HeliTwinError, match="--units mm: the map has factors of lengths already"):
+        read_recording(path, Reading(options, unit="mm"))
+
+
+def test_iso_dates_are_times(tmp_path: Path) -> None:
+    begin = np.datetime64("2024-05-02T10:11:12.000")
+    stamps = [str(begin + np.timedelta64(round(1000 * t), "ms")) for t in T]
+    rows = np.column_stack([position(T), yaw(T)]).tolist()
+    lines = [f"{stamp},{','.join(f'{v:.9f}' for v in row)}" for stamp, row in zip(stamps, rows, strict=True)]
+    (tmp_path / "t.csv").write_text("\n".join(["time,x,y,z,yaw", *lines]))
+    _, recording = read_recording(tmp_path / "t.csv", Reading())
+    np.testing.assert_allclose(recording.time, T, atol=1e-6)
+    np.testing.assert_allclose(recording.position, position(T), atol=1e-6)
+
+
+def test_the_answer_names_the_axes_that_the_user_gave(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    P = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
+    q = quaternions(matrices(T))
+    rows = np.column_stack([T, 1e3 * position(T) @ P.T, q[:, 2], q[:, 3], q[:, 1], q[:, 0]])
+    path = write(tmp_path / "t.csv", ["time,x,y,z,qx,qy,qz,qw"], rows)
+    assert main(["import", str(path), "--units", "mm"]) == 2
+    assert "say --frame yup" in capsys.readouterr().err
+    assert main(["import", str(path), "--units", "mm", "--frame", "yup", "--list"]) == 0
+    assert "axes in the file: x left, y up, z forward" in capsys.readouterr().out

@@ -46,13 +46,13 @@ class Take(NamedTuple):
     time: Array
     """(n,) in `time_unit`."""
     position: Array
-    """(n, 3) along the file's axes, m, or in `length_unit` where that is not known."""
+    """(n, 3) along the file's axes, m if its lengths are in `length_unit`."""
     quat_wxyz: Array
     """(n, 4) attitude of the body along the file's axes, scalar first."""
     time_unit: str = "s"
     """`s`, or `unknown`: to be found from the data."""
     length_unit: str = "m"
-    """`m`, or `unknown`: metres unless the user says otherwise."""
+    """The unit that the file or its format says, which the user may know better; `mapped` if the user has said it."""
     frame: str = "zup"
     """Of the file's axes: a key of `frames.FRAMES`."""
     arrival: Array | None = None

@@ -84,6 +84,7 @@ def read(path: Path, options: Options) -> Take:
         position=LENGTH_UNITS_M[_UNITS[unit]] * cells[:, -3:],
         quat_wxyz=np.ascontiguousarray(attitude),
         frame="yup",
+        length_unit=_UNITS[unit],
         lines=lines,
         body=body,
         bodies=tuple(bodies),

@@ -61,6 +61,7 @@ def read(path: Path, options: Options) -> Take:
         time=cells[:, 0],
         position=1e-3 * cells[:, 1:4],
         quat_wxyz=_quaternions(cells[:, 4:]),
+        length_unit="mm",
         lines=lines,
         body=body,
         bodies=tuple(bodies),

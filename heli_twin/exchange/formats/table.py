@@ -107,6 +107,7 @@ def read(path: Path, options: Options) -> Take:
             values[field] = np.full(len(cells), place)
     unit = _length_unit(header.rows, columns)
     has_unit = unit != "unknown" and not any(field in sources for field in POSITION)
+    is_mapped = any(source.factor != 1.0 and source.column for f, source in sources.items() if f in POSITION)
     position = np.column_stack([values[field] for field in POSITION]) * (LENGTH_UNITS_M[unit] if has_unit else 1.0)
     return Take(
         title=TITLE,
@@ -114,7 +115,7 @@ def read(path: Path, options: Options) -> Take:
         position=position,
         quat_wxyz=_attitude(values),
         time_unit="s" if sources.get("time", Source()).factor != 1.0 else "unknown",
-        length_unit="m" if has_unit or any(s.factor != 1.0 for f, s in sources.items() if f in POSITION) else "unknown",
+        length_unit="mapped" if is_mapped else unit if has_unit else "m",
         arrival=values.get("arrival"),
         u=_commands(path, values, lines),
         lines=lines,

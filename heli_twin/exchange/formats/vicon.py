@@ -67,6 +67,7 @@ def read(path: Path, options: Options) -> Take:
         time=(frame - frame[np.isfinite(frame)][:1].sum()) / frequency,
         position=LENGTH_UNITS_M[length] * cells[:, -3:],
         quat_wxyz=np.ascontiguousarray(rotation),
+        length_unit=length,
         lines=lines,
         body=body,
         bodies=tuple(starts),
