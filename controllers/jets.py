@@ -10,6 +10,7 @@ from math import factorial
 from typing import Union
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.signals import Array
 
@@ -64,7 +65,7 @@ class Jet:
 
     __radd__, __rmul__ = __add__, __mul__
 
-    def where(self, mask: Array, other: "Jet") -> "Jet":
+    def where(self, mask: NDArray[np.bool_], other: "Jet") -> "Jet":
         """This jet where the mask (...) is true, the other elsewhere."""
         return Jet(np.where(mask, self.coefficients, other.coefficients))
 

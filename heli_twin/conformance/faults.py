@@ -63,7 +63,8 @@ def _flight(fault: Any) -> Iterator[_Call]:
 def _arrival(value: Any, given: Given) -> str:
     if value is None:
         return ""
-    if not isinstance(value, Arrival) or not isinstance(value.at, int) or not isinstance(value.pose.stamp, int):
+    whole = isinstance(value, Arrival) and all(type(time) is int for time in (value.at, value.pose.stamp))
+    if not whole:
         return "pose has to return an Arrival with whole ns, or None"
     right = value.pose.position.shape == (3,) and value.pose.quat_wxyz.shape == (4,) and value.pose.stamp >= 0
     return "" if right else "a pose has to keep its three coordinates, its four of attitude and a stamp of at least 0"

@@ -45,4 +45,4 @@ def names_its_further_states(spec: Any) -> None:
     states = extra_states(spec)
     trouble = trouble_with(states)
     require(not trouble, trouble)
-    require(all(isinstance(state.unit, str) and state.unit for state in states), "a further state has no unit")
+    require(all(state.unit for state in states), "a further state has no unit: write 1 for a number without one")

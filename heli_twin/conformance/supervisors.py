@@ -16,7 +16,7 @@ _MODEL = Model()
 _PERIOD = 20_000_000
 
 
-def _flight(spec: Any, seen_until: int, steps: int = 400) -> Iterator[tuple[str, Estimate | None, Reference, Order]]:
+def _flight(spec: Any, seen_until: int, steps: int = 400) -> Iterator[tuple[str, Estimate | None, Reference, Any]]:
     """Phase, estimate, plan and order of each step of a hover whose poses end at a time, ns."""
     supervisor = spec.start(_MODEL, 1e-9 * _PERIOD)
     preview = ReferencePreview(Hover(), _MODEL, _PERIOD, 0)
@@ -29,6 +29,7 @@ def _flight(spec: Any, seen_until: int, steps: int = 400) -> Iterator[tuple[str,
         plan = preview(now, 19)
         supervisor.battery(3.8)
         order = supervisor.order(now, estimate, plan)
+        require(isinstance(order, Order), f"order() gives a {type(order).__name__}, not an Order")
         yield supervisor.phase, estimate, plan, order
         command = order.command or Command(now, np.array(_MODEL.u_hover))
         supervisor.sent(order.applied(command))
@@ -41,7 +42,6 @@ def orders_what_can_be_flown(spec: Any) -> None:
     """With poses, without, and when they end, each order has a reference of the horizon or a command in full stick."""
     for case, seen_until in _CASES.items():
         for phase, estimate, plan, order in _flight(spec, seen_until):
-            require(isinstance(order, Order), f"order() gives a {type(order).__name__}, not an Order")
             require(phase in PHASES, f"its phase is {phase!r}: use one of {', '.join(PHASES)}")
             if order.command is not None:
                 u = np.asarray(order.command.u)
