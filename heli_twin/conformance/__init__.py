@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.flatness import feed_forward, state
-from controllers.laws import closed_after, extra_states, flat_derivatives
+from controllers.laws import StateReader, closed_after, extra_states, flat_derivatives
 from controllers.model import Model
 from controllers.reference import ReferencePreview, check_feasible
-from controllers.signals import Array, Command, Estimate, Plan, Pose, Reference, nanoseconds
+from controllers.signals import NO_STATES, Array, Command, Estimate, Plan, Pose, Reference, nanoseconds
 from controllers.trajectories import SmoothTrajectory, fitted
 from controllers.trajectories.hover import Hover
 from heli_twin.conformance import designs, faults, supervisors
@@ -169,6 +169,8 @@ def _steps_of(controller: Any, law: Any, count: int) -> tuple[list[Array], list[
     period = nanoseconds(law.period)
     preview = ReferencePreview(Hover(), law.model, period, 0, flat_derivatives(law))
     plant = Ideal(step=law.period).start(state(Hover().flat(np.zeros(1)))[0])
+    # What the law reads beyond the physical states is at rest.
+    further = np.zeros(len(law.estimated_states)) if isinstance(law, StateReader) else NO_STATES
     sent, given = [], []
     for k in range(count):
         now = k * period
@@ -176,7 +178,7 @@ def _steps_of(controller: Any, law: Any, count: int) -> tuple[list[Array], list[
         c, s = np.cos(truth.yaw), np.sin(truth.yaw)
         vx, vy, vz = truth.velocity
         x = np.array([*truth.position, truth.yaw, c * vx + s * vy, c * vy - s * vx, vz, truth.yaw_rate])
-        estimate = Estimate(now, x, np.zeros(4), np.full((4, 3), 1e-4), now, 0)
+        estimate = Estimate(now, x, np.zeros(4), np.full((4, 3), 1e-4), now, 0, further, 0.0 * further)
         reference = preview(now, law.steps)
         command = controller.explain(controller.step(now, estimate, reference))
         _is_a_plan_of(law, command.plan)
