@@ -86,6 +86,14 @@ EQUIVALENT = {
         'misfit = squares - total**2 / n - 2.0 * np.correlate(r, y, "valid") - y @ y',
     ): "only differences of the misfit are used",
     (
+        "controllers/reference.py",
+        "_BLOCK_SAMPLES = 513",
+    ): "samples are computed one more at a time",
+    (
+        "controllers/laws/external.py",
+        "SHOWN = 61",
+    ): "a message shows one more character",
+    (
         "heli_twin/lab/plant/effects/__init__.py",
         "PERIOD_NS = 10000001",
     ): "as many whole physics steps",

@@ -452,6 +452,17 @@ def test_a_helicopter_that_was_hit_is_followed(kick):
     assert np.abs(errors[30:]).max() < 0.01
 
 
+def test_a_disturbance_fades_to_its_mean_on_every_axis():
+    spec = Kalman()
+    kalman = spec.start(MODEL)
+    kalman._stamp, kalman._d, kalman._d_mean = 0, (1.0, -2.0, 3.0, 4.0), (0.1, 0.2, -0.3, 0.4)
+    # Of the gust, 1 / e is left after its correlation time, which begins 0.1 s after the pose.
+    expected = [m + (d - m) / np.e for d, m in zip(kalman._d, kalman._d_mean, strict=True)]
+    until = 100 * MS + round(spec.gust_time * 1e9)
+    assert kalman._push(until) == pytest.approx(expected, rel=1e-8)
+    assert kalman._push(100 * MS) == kalman._d
+
+
 def test_while_nobody_looks_the_disturbance_fades_to_its_mean():
     """A push for 2 s that is a gust: half of it is the mean of 4 s, and after an outage of 3 s only that is left."""
     lab = Lab(Kalman(mean_time=4.0), see=lost(4.0, 3.5))

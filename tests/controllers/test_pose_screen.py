@@ -10,7 +10,15 @@ HALF_TURN = np.array([0.0, 0.0, 0.0, pi])
 
 
 @pytest.mark.parametrize(
-    ("restarts", "now", "verdict"), [((0,), 99, "refuse"), ((0,), 100, "fuse"), ((0, 90), 100, "fuse")]
+    ("restarts", "now", "verdict"),
+    [
+        ((0,), 99, "refuse"),
+        ((0,), 100, "fuse"),
+        ((0, 90), 100, "fuse"),
+        ((50,), 149, "refuse"),
+        ((50,), 150, "fuse"),
+        ((50, 90), 150, "fuse"),
+    ],
 )
 def test_a_half_turn_is_the_tracker_s_from_a_jump_time_after_the_first_pose_on(restarts, now, verdict):
     """The first pose may have been the wrong one, so that a half turn soon after it may be true."""

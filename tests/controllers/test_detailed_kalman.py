@@ -1,0 +1,36 @@
+"""The detailed filter's transitions: what walks spreads with the time, what is constant stays."""
+
+import numpy as np
+
+from controllers.detailed_model import DetailedModel
+from controllers.estimators.detailed_kalman import DetailedKalman
+
+MS = 1_000_000
+
+
+def test_walks_spread_with_the_time():
+    spec = DetailedKalman()
+    (_, one), (_, chains) = spec.start(DetailedModel())._transition_over(20 * MS)
+    (_, two), (_, twice) = spec.start(DetailedModel())._transition_over(40 * MS)
+    plane = [0.0, spec.velocity_walk, 0.0, spec.tilt_walk, spec.trim_walk, spec.push_walk]
+    walks = [0, 1, 2, 3, 5, 6]
+    np.testing.assert_allclose(one[:, walks, walks], [np.square(plane) * 0.02] * 2, rtol=1e-12)
+    np.testing.assert_allclose(two[:, walks, walks], 2.0 * one[:, walks, walks], rtol=1e-12)
+    expected = np.square([[spec.climb_walk, spec.lift_walk], [spec.yaw_rate_walk, spec.yaw_push_walk]]) * 0.02
+    np.testing.assert_allclose(chains[:, [1, 2], [1, 2]], expected, rtol=1e-12)
+    np.testing.assert_allclose(twice[:, [1, 2], [1, 2]], 2.0 * expected, rtol=1e-12)
+    for noise in (one, chains):
+        np.testing.assert_array_equal(noise * (1.0 - np.eye(len(noise[0]))), 0.0)
+
+
+def test_trim_and_push_stay_and_the_slow_error_of_the_cameras_fades():
+    spec = DetailedKalman()
+    (F, noise), (chains, chain_noise) = spec.start(DetailedModel())._transition_over(20 * MS)
+    keep = np.exp(-0.02 / spec.camera_bias_time)
+    np.testing.assert_array_equal(F[:, 5:7], [np.eye(8)[5:7]] * 2)
+    np.testing.assert_allclose(F[:, 7], [keep * np.eye(8)[7]] * 2, rtol=1e-12)
+    np.testing.assert_array_equal(chains[:, 2], [np.eye(4)[2]] * 2)
+    np.testing.assert_allclose(chains[:, 3], [keep * np.eye(4)[3]] * 2, rtol=1e-12)
+    # A stationary error: what fades comes back as noise. The yaw has none.
+    slow = spec.camera_bias**2 * (1.0 - keep**2)
+    np.testing.assert_allclose([*noise[:, 7, 7], *chain_noise[:, 3, 3]], [slow, slow, slow, 0.0], rtol=1e-12)
