@@ -3,8 +3,12 @@
 import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from math import isfinite
+from typing import TYPE_CHECKING
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar
+
+if TYPE_CHECKING:
+    from heli_twin.metrics.margins import Margins
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -43,27 +47,30 @@ def run(parsed: Namespace) -> int:
             of_all[helicopter] = law_margins(experiment, helicopter)
             bar.advance(task)
     if parsed.json:
-        plain = {
-            helicopter: {
-                axis: {name: value if isfinite(value) else None for name, value in m._asdict().items()}
-                for axis, m in loops.items()
-            }
-            for helicopter, loops in of_all.items()
-        }
+        plain = {helicopter: {axis: as_json(m) for axis, m in loops.items()} for helicopter, loops in of_all.items()}
         print(json.dumps(plain, indent=2, allow_nan=False))
         return 0
+    titles = ("on the twin", "on the helicopter that the law believes in")
+    for helicopter, title in zip(HELICOPTERS, titles, strict=True):
+        print_margins(f"margins {title}", of_all[helicopter])
+    return 0
+
+
+def as_json(m: "Margins") -> dict[str, float | None]:
+    """Margins of a loop; None for one that is infinite."""
+    return {name: value if isfinite(value) else None for name, value in m._asdict().items()}
+
+
+def print_margins(title: str, loops: "dict[str, Margins]") -> None:
+    """Print the margins of all loops for a person."""
     from rich.console import Console
     from rich.table import Table
 
-    for helicopter, title in zip(
-        HELICOPTERS, ("on the twin", "on the helicopter that the law believes in"), strict=True
-    ):
-        table = Table(title=f"margins {title}", title_justify="left")
-        for column in ("", "gain margin", "delay margin", "Ms", "crossover"):
-            table.add_column(column, justify="right" if column else "left")
-        for axis, m in of_all[helicopter].items():
-            gain = f"{m.gain:.2f}" if isfinite(m.gain) else "none"
-            delay = f"{1e3 * m.delay:.0f} ms" if isfinite(m.delay) else "none"
-            table.add_row(axis, gain, delay, f"{m.peak_sensitivity:.2f}", f"{m.crossover:.1f} rad/s")
-        Console().print(table)
-    return 0
+    table = Table(title=title, title_justify="left")
+    for column in ("", "gain margin", "delay margin", "Ms", "crossover"):
+        table.add_column(column, justify="right" if column else "left")
+    for axis, m in loops.items():
+        gain = f"{m.gain:.2f}" if isfinite(m.gain) else "none"
+        delay = f"{1e3 * m.delay:.0f} ms" if isfinite(m.delay) else "none"
+        table.add_row(axis, gain, delay, f"{m.peak_sensitivity:.2f}", f"{m.crossover:.1f} rad/s")
+    Console().print(table)

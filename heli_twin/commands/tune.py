@@ -7,15 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, file_path, progress_bar, say
+from heli_twin.commands.margins import as_json, print_margins
 from heli_twin.errors import HeliTwinError
 from heli_twin.terminal_text import pasteable
 from heli_twin.whole_file import write_whole
 
 if TYPE_CHECKING:
     from heli_twin.experiment import Experiment
+    from heli_twin.metrics.margins import Margins
     from heli_twin.tuning.search import Tuned
 
-KINDS = {"pid": "pid", "mpc": "ltv_mpc"}
+KINDS = {
+    "pid": ["controller=pid"],
+    "mpc": ["controller=ltv_mpc"],
+    "detailed": ["controller=detailed_mpc", "estimator=detailed_kalman"],
+}
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -24,11 +30,12 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         subparsers,
         "tune",
         run,
-        "tune the PID's gains or the MPC's weights on the twin",
+        "tune the gains of a PID or the weights of an MPC on the twin",
         "Tune a controller on the twin and print the result as TOML that `heli-twin fly` takes. For the PID, Ziegler\n"
         "and Nichols' experiment finds Ku and Tu of every axis first; then a bounded search lowers the MPC's own cost\n"
-        "(26) on quick moves under gusts, keeping a gain margin of two. The MPC's weights are searched with the same\n"
-        "budget; its defaults are the paper's.",
+        "(26) on quick moves under gusts. The weights of the paper's MPC and of the one with the detailed model are\n"
+        "searched with the same budget. All keep a gain margin of two and fly attitudes of 10 to 18 rad/s as well.\n"
+        "At the end the margins are measured; see `heli-twin margins`.",
         "  heli-twin tune pid --save pid.toml && heli-twin fly pid.toml\n"
         "  heli-twin fly trajectory=hover controller=pid.toml    # the same in another experiment\n"
         "  heli-twin study run gust 'alternatives.tuned={controller=\"pid.toml\"}'    # against others\n"
@@ -56,7 +63,9 @@ def run(parsed: Namespace) -> int:
             f"--budget {budget} leaves nothing to try: 1 judges the start, {DEFAULT_BUDGET} is the default"
         )
     source, overrides = experiment_arguments(parsed)
-    tuned = _tuned(load(source, [f"controller={KINDS[parsed.controller]}", *overrides]), budget)
+    base = load(source, [*KINDS[parsed.controller], *overrides])
+    tuned = _tuned(base, budget)
+    of_loops = _margins(base, tuned)
     text = toml(tuned, pasteable("heli-twin", "tune", parsed.controller, *parsed.experiment, "--budget", budget))
     if parsed.save:
         try:
@@ -64,9 +73,11 @@ def run(parsed: Namespace) -> int:
         except OSError as error:
             raise HeliTwinError(f"cannot write {parsed.save}: {error.strerror}") from None
     if parsed.json:
-        print(json.dumps(tuned.as_json(), indent=2, allow_nan=False))
+        plain = {axis: as_json(m) for axis, m in of_loops.items()}
+        print(json.dumps(tuned.as_json() | {"margins": plain}, indent=2, allow_nan=False))
     else:
         show(tuned, text, parsed.save)
+        print_margins("margins of the tuned controller on the twin", of_loops)
     return 0
 
 
@@ -88,6 +99,14 @@ def _tuned(base: "Experiment", budget: int) -> "Tuned":
         return tune(base, fly_all, budget, tuple(ultimates), lambda: bar.advance(task))
 
 
+def _margins(base: "Experiment", tuned: "Tuned") -> "dict[str, Margins]":
+    from dataclasses import replace
+
+    from heli_twin.tuning.margins import law_margins
+
+    return law_margins(replace(base, controller=tuned.law))
+
+
 def toml(tuned: "Tuned", command_line: str) -> str:
     """The controller as a file for `heli-twin fly`, or for `controller=FILE.toml`, with the record of its tuning.
 
@@ -100,7 +119,8 @@ def toml(tuned: "Tuned", command_line: str) -> str:
 
     lines = [f"{name} = {json.dumps(value)}" for name, value in tuned.table().items()]
     record = comment({"command": command_line} | tuned.record())
-    return "\n".join([record, "", physics_line(), "", "[controller]", *lines, ""])
+    served = [] if tuned.estimator is None else [f'estimator = "{tuned.estimator}"', ""]
+    return "\n".join([record, "", physics_line(), "", *served, "[controller]", *lines, ""])
 
 
 def show(tuned: "Tuned", text: str, saved: Path | None) -> None:

@@ -7,8 +7,10 @@ In a round, every gain of an axis is tried larger and smaller by the same factor
 takes the change that lowers its share of the cost most, or halves its step where none does. All trials are judged by
 the same flights with the same gusts, so that differences in cost come from the gains.
 
-A PID has to keep a gain margin of two: its cost is that of its gains, or half the cost with all gains doubled, if that
-is greater. An MPC has no such single gain, and its plan takes the delays into account.
+Every controller has to keep a gain margin of two and to do as well with an attitude of 10 and of 18 rad/s, the ends of
+the published range, as with that of the experiment: its cost is the greatest of these, that with doubled gain counted
+half. A PID's gains are doubled; under an MPC, which has no such single gain, the helicopter answers twice as much to
+its cyclic and yaw sticks.
 
 The flight is a series of quick moves along each axis, under gusts, of the helicopter of the experiment (the nominal
 one, unless overridden). Results are reported on other trajectories and other seeds.
@@ -23,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from controllers.laws.detailed_mpc import DetailedMpc
 from controllers.laws.ltv_mpc import LtvMpc
 from controllers.laws.pid import Pid
 from controllers.rotations import rotate_to_body, rotate_to_world, wrap_angle
@@ -30,6 +33,7 @@ from controllers.trajectories.waypoints import Point, Waypoints
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.tree import table_of
+from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.metrics.tracking import AXES
 from heli_twin.recording import Log
 from heli_twin.tuning.ultimate_gain import Ultimate
@@ -38,7 +42,9 @@ from heli_twin.workers.fleet import ParallelMap
 SEED_OFFSETS = (9001, 9002)
 """Added to the experiment's seed: gusts on which no result is reported."""
 DEFAULT_BUDGET = 37
-"""Trials; each is one flight per seed, and for a PID one more with doubled gains."""
+"""Trials; each is one flight per seed, one with doubled gains, and one at each end of the range of attitudes."""
+ATTITUDES_RAD_S = (10.0, 18.0)
+"""Published range of the attitude's natural frequency; see `heli_twin/lab/plant/mujoco.py`."""
 FIRST_STEP_LOG = log(1.6)
 """First change of a gain, as the logarithm of a factor; it is halved down to a sixteenth."""
 SMALLEST_STEP_LOG = FIRST_STEP_LOG / 16.0
@@ -63,7 +69,7 @@ _MOVES: tuple[Point, ...] = (
 MOVE_S, REST_S = 1.2, 2.8
 """Duration of a move, and of the rest before the next one."""
 
-Law = Pid | LtvMpc
+Law = Pid | LtvMpc | DetailedMpc
 Gains = dict[str, dict[str, float]]
 """Values by axis, then by name."""
 
@@ -125,6 +131,11 @@ class Tuned:
     ultimates: tuple[Ultimate, ...] = ()
     """The ultimate gains from which the search of a PID started."""
 
+    @property
+    def estimator(self) -> str | None:
+        """The kind of estimator that the controller needs; None for one that takes any."""
+        return "detailed_kalman" if isinstance(self.law, DetailedMpc) else None
+
     def as_json(self) -> dict[str, Any]:
         """The result as `heli-twin tune --json` prints it."""
         return {
@@ -152,7 +163,7 @@ class Tuned:
 
     def record(self) -> dict[str, Any]:
         """Facts about the tuning, for the file that the gains are saved in; see `record`."""
-        margin = ", keeping a gain margin of two" if isinstance(self.law, Pid) else ""
+        margin = ", keeping a gain margin of two and an attitude of 10 to 18 rad/s"
         return {
             "trials": self.trials,
             "budget": self.budget,
@@ -185,7 +196,7 @@ def tune(
     """
     law = base.controller
     if not isinstance(law, Law):
-        raise HeliTwinError(f"cannot tune a {type(law).__name__}: take controller=pid or controller=ltv_mpc")
+        raise HeliTwinError(f"cannot tune a {type(law).__name__}: take controller=pid, ltv_mpc or detailed_mpc")
     gains = start_gains(law, ultimates)
     search = _Search(base, law, gains, run, progress)
     while search.trials < budget and search.round(budget - search.trials):
@@ -204,8 +215,9 @@ def start_gains(law: Law, ultimates: tuple[Ultimate, ...] = ()) -> Gains:
 
     The MPC's input weights stay: multiplying all weights by one factor changes nothing, so one of each axis is fixed.
     """
-    if isinstance(law, LtvMpc):
+    if not isinstance(law, Pid):
         places = {"x": (0, 4, 8), "y": (1, 5, 9), "z": (2, 6), "yaw": (3, 7)}
+        places = {axis: [i for i in indices if i < len(law.Q)] for axis, indices in places.items()}
         return {axis: {f"Q[{i}]": float(law.Q[i]) for i in indices} for axis, indices in places.items()}
     gains = {a: {f"{term}_{a}": float(getattr(law, f"{term}_{a}")) for term in "pid"} for a in AXES}
     for u in ultimates:
@@ -219,7 +231,7 @@ def with_gains(law: Law, gains: Gains) -> Law:
     flat: dict[str, Any] = {}
     for names in gains.values():
         flat |= names
-    if isinstance(law, LtvMpc):
+    if not isinstance(law, Pid):
         flat = {"Q": tuple(flat[f"Q[{i}]"] for i in range(len(law.Q)))}
     return replace(law, **flat)
 
@@ -279,24 +291,45 @@ class _Search:
         for cost in self._run(_cost, flights):
             of_trial.append(cost)
             if len(of_trial) == each:
-                plain, doubled = of_trial[: len(SEED_OFFSETS)], of_trial[len(SEED_OFFSETS) :]
+                plain, robust = of_trial[: len(SEED_OFFSETS)], of_trial[len(SEED_OFFSETS) :]
                 mean = {a: sum(c[a] for c in plain) / len(plain) for a in AXES}
-                costs.append({a: max([mean[a], *(0.5 * c[a] for c in doubled)]) for a in AXES})
+                weights = (0.5, *[1.0] * len(ATTITUDES_RAD_S))
+                costs.append(
+                    {a: max([mean[a], *(w * c[a] for w, c in zip(weights, robust, strict=False))]) for a in AXES}
+                )
                 of_trial = []
                 self._progress()
         self.trials += len(trials)
         return costs
 
     def _flights(self, gains: Gains) -> list[Experiment]:
-        flights = [(with_gains(self._law, gains), offset) for offset in SEED_OFFSETS]
-        if isinstance(self._law, Pid):
-            doubled = {a: {n: 2.0 * g for n, g in names.items()} for a, names in gains.items()}
-            flights.append((with_gains(self._law, doubled), SEED_OFFSETS[0]))
-        path = moves()
+        """One flight per seed, then one with doubled gain, then one for each other attitude."""
+        law, path = with_gains(self._law, gains), moves()
+        seeds = [self._base.seed + offset for offset in SEED_OFFSETS]
+        base = replace(self._base, controller=law, trajectory=path, duration=path.times[-1], seed=seeds[0])
+        plant = base.plant
+        doubled = base
+        if isinstance(law, Pid):
+            twice = {a: {n: 2.0 * g for n, g in names.items()} for a, names in gains.items()}
+            doubled = replace(base, controller=with_gains(law, twice))
+        elif isinstance(plant, MuJoCo):
+            doubled = replace(base, plant=twice_as_responsive(plant))
+        others = [replace(plant, attitude_frequency=w) for w in ATTITUDES_RAD_S] if isinstance(plant, MuJoCo) else []
         return [
-            replace(self._base, controller=c, trajectory=path, duration=path.times[-1], seed=self._base.seed + offset)
-            for c, offset in flights
+            *(replace(base, seed=seed) for seed in seeds),
+            doubled,
+            *(replace(base, plant=other) for other in others),
         ]
+
+
+def twice_as_responsive(plant: MuJoCo) -> MuJoCo:
+    """Return a helicopter that answers twice as much to its cyclic and yaw sticks, within the bounds of the fields."""
+    return replace(
+        plant,
+        pitch_gain=min(2.0 * plant.pitch_gain, 0.9),
+        roll_gain=min(2.0 * plant.roll_gain, 0.9),
+        yaw_gain=min(2.0 * plant.yaw_gain, 0.1),
+    )
 
 
 def _cost(experiment: Experiment) -> dict[str, float]:

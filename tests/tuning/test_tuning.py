@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from controllers.laws.detailed_mpc import DetailedMpc
 from controllers.laws.ltv_mpc import LtvMpc
 from controllers.laws.pid import Pid
 from controllers.model import Model
@@ -15,6 +16,8 @@ from controllers.trajectories.hover import Hover
 from heli_twin.cli import main
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.text import load
+from heli_twin.lab.plant.mujoco import MuJoCo
+from heli_twin.metrics.margins import Margins
 from heli_twin.metrics.tracking import AXES
 from heli_twin.mission import fly
 from heli_twin.tuning import search
@@ -219,7 +222,7 @@ def test_a_start_that_does_not_fly_is_told(monkeypatch):
 
 
 def test_gains_go_in_and_come_out():
-    for law in (PID, LtvMpc()):
+    for law in (PID, LtvMpc(), DetailedMpc()):
         gains = start_gains(law)
         assert with_gains(law, gains) == law
         doubled = {a: {n: 2 * g for n, g in names.items()} for a, names in gains.items()}
@@ -232,11 +235,24 @@ def test_a_pid_is_judged_with_doubled_gains_too():
     def run(work, flights):
         flown.extend(flights)
         # The doubled one rings.
-        return [dict.fromkeys(AXES, 1.0)] * 2 + [dict.fromkeys(AXES, 5.0)]
+        return [dict.fromkeys(AXES, 1.0)] * 2 + [dict.fromkeys(AXES, 5.0)] + [dict.fromkeys(AXES, 1.0)] * 2
 
     found = tune(LAB, run, 1)
-    assert [e.controller.p_x / PID.p_x for e in flown] == [1.0, 1.0, 2.0]
+    assert [e.controller.p_x / PID.p_x for e in flown] == [1.0, 1.0, 2.0, 1.0, 1.0]
     assert found.best.cost == dict.fromkeys(AXES, 2.5)
+
+
+def test_every_law_is_judged_with_slow_and_fast_attitudes_and_an_mpc_with_a_helicopter_that_answers_twice():
+    flown = []
+
+    def run(work, flights):
+        flown.extend(flights)
+        return [dict.fromkeys(AXES, cost) for cost in (1.0, 1.0, 1.0, 7.0, 3.0)]
+
+    found = tune(replace(LAB, controller=DetailedMpc()), run, 1)
+    assert [e.plant.attitude_frequency for e in flown] == [14.0, 14.0, 14.0, 10.0, 18.0]
+    assert [e.plant.pitch_gain / MuJoCo().pitch_gain for e in flown] == [1.0, 1.0, 2.0, 1.0, 1.0]
+    assert found.best.cost == dict.fromkeys(AXES, 7.0)
 
 
 def test_what_is_printed_flies(monkeypatch, tmp_path, capsys, rise_version):
@@ -246,10 +262,14 @@ def test_what_is_printed_flies(monkeypatch, tmp_path, capsys, rise_version):
         return [dict.fromkeys(AXES, 1.0)] * len(items)
 
     monkeypatch.setattr("heli_twin.workers.fleet.fleet", lambda: nullcontext(run))
-    for kind, law in (("pid", Pid), ("mpc", LtvMpc)):
+    margins = Margins(2.0, np.inf, 1.5, 3.0)
+    monkeypatch.setattr("heli_twin.tuning.margins.law_margins", lambda experiment: dict.fromkeys(AXES, margins))
+    for kind, law in (("pid", Pid), ("mpc", LtvMpc), ("detailed", DetailedMpc)):
         file = tmp_path / f"{kind}.toml"
         assert main(["tune", kind, "controller.period=0.04", "--budget", "2", "--save", str(file)]) == 0
-        assert file.read_text() in capsys.readouterr().out
+        printed = capsys.readouterr().out
+        assert file.read_text() in printed
+        assert "2.00 │         none │ 1.50 │ 3.0 rad/s" in printed
         saved = load(str(file)).controller
         assert isinstance(saved, law)
         assert saved.period == 0.04
@@ -257,7 +277,7 @@ def test_what_is_printed_flies(monkeypatch, tmp_path, capsys, rise_version):
     assert load(str(tmp_path / "pid.toml")).controller.p_x == 0.6
     as_saved = load(str(file))
     rise_version()
-    assert load(str(file)) == load("lab", [f"controller={file}"]) == as_saved
+    assert load(str(file)) == load("detailed", [f"controller={file}"]) == as_saved
 
 
 def test_a_budget_of_nothing_is_refused(capsys):
