@@ -277,7 +277,7 @@ def test_what_is_printed_flies(monkeypatch, tmp_path, capsys, rise_version):
     assert load(str(tmp_path / "pid.toml")).controller.p_x == 0.6
     as_saved = load(str(file))
     rise_version()
-    assert load(str(file)) == load("detailed", [f"controller={file}"]) == as_saved
+    assert load(str(file)) == load("lab", ["estimator=detailed_kalman", f"controller={file}"]) == as_saved
 
 
 def test_a_budget_of_nothing_is_refused(capsys):
