@@ -76,22 +76,28 @@ def stretches(log: Log, name: str) -> Iterator[Stretch]:
             yield _stretch(name, grid, np.stack([np.interp(grid, piece_t, column) for column in piece.T]), log)
 
 
+def clean_poses(log: Log) -> tuple[Array, Array, Array]:
+    """Return capture times (n,), s, positions (n, 3), m, and unit attitudes (n, 4) without outliers and repetitions."""
+    stamp, first = np.unique(log.pose.stamp, return_index=True)
+    q, position = log.pose.quat_wxyz[first], log.pose.position[first]
+    finite = np.isfinite(position).all(axis=1) & np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1, initial=0) > 0.1)
+    position, t = position[finite], 1e-9 * stamp[finite].astype(np.float64)
+    unit = q[finite] / np.linalg.norm(q[finite], axis=1, keepdims=True)
+    if len(position) < 5:
+        return t[:0], position[:0], unit[:0]
+    pose = np.column_stack([position, np.unwrap(yaw_of(unit))])
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(pose, ((2, 2), (0, 0)), mode="edge"), 5, axis=0)
+    jump = np.abs(pose - np.median(around, axis=-1))
+    steady = (jump[:, :3] < MAX_JUMP_M).all(axis=1) & (jump[:, 3] < MAX_JUMP_RAD)
+    return t[steady], position[steady], unit[steady]
+
+
 def _clean(log: Log) -> tuple[Array, Array]:
     """Capture times (n,), s, and poses (n, 5) without outliers: x y z yaw, vertical share of thrust."""
-    stamp, first = np.unique(log.pose.stamp, return_index=True)
-    q = log.pose.quat_wxyz[first]
-    pose = np.column_stack([log.pose.position[first], np.zeros((len(q), 2))])
-    finite = np.isfinite(pose).all(axis=1) & np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1, initial=0) > 0.1)
-    pose, t = pose[finite], 1e-9 * stamp[finite].astype(np.float64)
-    unit = q[finite] / np.linalg.norm(q[finite], axis=1, keepdims=True)
-    pose[:, 3] = np.unwrap(yaw_of(unit))
-    pose[:, 4] = 1.0 - 2.0 * (unit[:, 1] ** 2 + unit[:, 2] ** 2)
-    if len(pose) < 5:
-        return t[:0], pose[:0]
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(pose[:, :4], ((2, 2), (0, 0)), mode="edge"), 5, axis=0)
-    jump = np.abs(pose[:, :4] - np.median(around, axis=-1))
-    steady = (jump[:, :3] < MAX_JUMP_M).all(axis=1) & (jump[:, 3] < MAX_JUMP_RAD)
-    return t[steady], pose[steady]
+    t, position, unit = clean_poses(log)
+    # Unwrapped again: an outlier in between may have cost a turn.
+    upright = 1.0 - 2.0 * (unit[:, 1] ** 2 + unit[:, 2] ** 2)
+    return t, np.column_stack([position, np.unwrap(yaw_of(unit)), upright])
 
 
 def _stretch(name: str, t: Array, pose: Array, log: Log) -> Stretch:

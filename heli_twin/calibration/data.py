@@ -1,0 +1,179 @@
+"""Flights as windows of poses and commands: what the fit compares with the twin.
+
+A window is two seconds of poses, averaged over bins of 20 ms. Each starts from a state of its own, which the fit finds:
+gusts of before a window do not matter in it.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.rotations import yaw_of
+from controllers.signals import Array
+from heli_twin.calibration.parameters import Lab
+from heli_twin.identification.data import MAX_JUMP_RAD, MIN_HEIGHT_M, WARM_UP_S, clean_poses
+from heli_twin.recording import Log
+
+STEP_S = 1e-3
+"""Step of the twin's equations."""
+WINDOW_STEPS, BIN_STEPS = 2000, 20
+BINS = WINDOW_STEPS // BIN_STEPS
+CHANNELS = ("x", "y", "z", "yaw", "pitch", "roll")
+LEAST_BINS = 60
+"""A window with fewer bins that hold a pose is left out."""
+
+
+class Windows(NamedTuple):
+    """The windows of one flight, all on the grid of its commands."""
+
+    first: NDArray[np.int64]
+    """(w,) first step of each, on the grid of the flight."""
+    y: Array
+    """(w, BINS, 6) mean pose of each bin: x y z yaw pitch roll; 0 where there is none."""
+    frames: Array
+    """(w, BINS) number of poses in each bin."""
+    weights: Array
+    """(w, WINDOW_STEPS + 1) share of each step in the mean of its bin."""
+    early: Array
+    """(w, BINS) share of the first step after each bin in that bin's mean."""
+    start: Array
+    """(w, 12) guess of the first state: position, velocity, yaw pitch roll, and their rates."""
+
+
+class Flight(NamedTuple):
+    """One log, ready for the fit."""
+
+    name: str
+    seed: int | None
+    """Of its experiment if it is a flight of the twin: its gusts depend on it."""
+    origin: float
+    """Time of step 0, s since the start of the log."""
+    steps: int
+    sent: "Sent"
+    windows: Windows
+
+    @property
+    def seconds(self) -> float:
+        """Length of all windows together."""
+        return len(self.windows.first) * WINDOW_STEPS * STEP_S
+
+
+class Sent:
+    """The sent commands as the radio rounds them, each held until the next, and their integrals."""
+
+    def __init__(self, log: Log, lab: Lab) -> None:
+        u = np.clip(log.sent.u, (-1.0, -1.0, 0.0, -1.0), 1.0)
+        if lab.levels:
+            u = np.round(u * (0.5 * lab.levels)) / (0.5 * lab.levels)
+        t = 1e-9 * log.sent.time.astype(np.float64)
+        self.u, self._frame = u, lab.frame_period
+        # A second of the first command before, a minute of the last one behind.
+        self._t = np.concatenate([[t[0] - 1.0], t[1:], [t[-1] + 60.0]])
+        held = np.diff(self._t)[:, None]
+        self._once = np.vstack([np.zeros(4), np.cumsum(u * held, axis=0)])
+        self._twice = np.vstack([np.zeros(4), np.cumsum(self._once[:-1] * held + 0.5 * u * held**2, axis=0)])
+
+    def acting(self, delay: float, t: Array) -> Array:
+        """Return the mean input (n, 4) over each step that begins at one of `t` (n,), s, on a grid of `STEP_S`.
+
+        A command waits for the next frame of the radio: on the average over the time between two, it is moved by half
+        of it and smoothed over it.
+
+        Args:
+            delay: Of the whole way, with the mean wait, s.
+            t: Ascending, `STEP_S` apart.
+        """
+        edges = np.append(t, t[-1] + STEP_S) - delay + 0.5 * self._frame
+        if not self._frame:
+            return np.diff(self._integral(edges, self._once, None), axis=0) / STEP_S
+        late = self._integral(edges - self._frame, self._once, self._twice)
+        return np.diff(self._integral(edges, self._once, self._twice) - late, axis=0) / (STEP_S * self._frame)
+
+    def _integral(self, t: Array, once: Array, twice: Array | None) -> Array:
+        i = np.clip(np.searchsorted(self._t, t, side="right") - 1, 0, len(self.u) - 1)
+        since = (t - self._t[i])[:, None]
+        if twice is None:
+            return once[i] + self.u[i] * since
+        return twice[i] + once[i] * since + 0.5 * self.u[i] * since**2
+
+
+def flight_of(log: Log, name: str, lab: Lab, seed: int | None) -> Flight | None:
+    """Return a log as windows; None if it has not a single one.
+
+    Args:
+        log: Only `/mocap/pose` and `/command/sent` are read.
+        name: Of the log, in messages.
+        lab: What is known of the radio.
+        seed: Of the flight, if it is one of the twin.
+    """
+    t, position, quat = clean_poses(log)
+    if len(log.sent.time) < 2 or len(t) < 2:
+        return None
+    angles = _angles(quat)
+    steady = _steady(angles)
+    t, pose = t[steady], np.column_stack([position, angles])[steady]
+    origin = 1e-9 * float(log.sent.time[0])
+    end = min(1e-9 * float(log.sent.time[-1]), float(t[-1]))
+    inside = (t >= origin + WARM_UP_S) & (t <= end) & (pose[:, 2] > MIN_HEIGHT_M)
+    cut = list(_windows((t[inside] - origin) / STEP_S, pose[inside]))
+    if not cut:
+        return None
+    windows = Windows(*(np.stack(column) for column in zip(*cut, strict=True)))
+    return Flight(name, seed, origin, int(windows.first[-1]) + WINDOW_STEPS + 1, Sent(log, lab), windows)
+
+
+def _angles(quat: Array) -> Array:
+    """Yaw (unwrapped), pitch and roll (n, 3) of unit attitudes."""
+    w, x, y, z = quat.T
+    pitch = np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return np.column_stack([np.unwrap(yaw_of(quat)), pitch, roll])
+
+
+def _steady(angles: Array) -> NDArray[np.bool_]:
+    """Which attitudes are near the median of their neighbours; a swapped marker tilts the body."""
+    if len(angles) < 5:
+        return np.ones(len(angles), np.bool_)
+    padded = np.pad(angles, ((2, 2), (0, 0)), mode="edge")
+    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0), axis=-1)
+    return np.asarray((np.abs(angles - around) < MAX_JUMP_RAD).all(axis=1))
+
+
+def _windows(s: Array, pose: Array) -> Iterator[tuple[int, Array, Array, Array, Array, Array]]:
+    """Cut poses at times s (n,), in steps, into windows; each begins with a pose."""
+    i = 0
+    while i < len(s):
+        # A step that a pose was taken at, up to rounding, so that bins hold the same number of poses.
+        first = int(np.floor(s[i] + 1e-6))
+        j = int(np.searchsorted(s, first + WINDOW_STEPS - 1e-6))
+        window = _window(s[i:j] - first, pose[i:j])
+        if window is not None:
+            yield first, *window
+        i = max(j, i + 1)
+
+
+def _window(s: Array, pose: Array) -> tuple[Array, Array, Array, Array, Array] | None:
+    step = np.floor(s + 1e-6).astype(np.int64)
+    share = np.clip(s - step, 0.0, 1.0)
+    bins = step // BIN_STEPS
+    frames = np.bincount(bins, minlength=BINS).astype(np.float64)
+    if np.count_nonzero(frames) < LEAST_BINS or frames[0] == 0:
+        return None
+    many = np.maximum(frames, 1.0)
+    y = np.stack([np.bincount(bins, column, BINS) for column in pose.T], axis=-1) / many[:, None]
+    weights, early = np.zeros(WINDOW_STEPS + 1), np.zeros(BINS)
+    np.add.at(weights, step, (1.0 - share) / many[bins])
+    crosses = (step + 1) % BIN_STEPS == 0
+    np.add.at(weights, step[~crosses] + 1, (share / many[bins])[~crosses])
+    np.add.at(early, bins[crosses], (share / many[bins])[crosses])
+    return y, frames, weights, early, _start(s * STEP_S, pose)
+
+
+def _start(t: Array, pose: Array) -> Array:
+    """The state at t = 0 from a parabola through the first 0.2 s of poses."""
+    near = t <= 0.2
+    fit = np.polynomial.polynomial.polyfit(t[near], pose[near], min(2, int(near.sum()) - 1))
+    rates = fit[1] if len(fit) > 1 else np.zeros(6)
+    return np.concatenate([fit[0, :3], rates[:3], fit[0, 3:], rates[3:]])

@@ -1,0 +1,383 @@
+"""The fit: Gauss-Newton on windows of flights, weighted with the covariance of gusts and cameras.
+
+    y_w = h(theta, nuisance, x0_w) + e_w,   e_w ~ N(0, C)
+
+The first state x0 of each window is projected out; push, tilt and place of the markers, and a small error of the delay
+belong to each log. Between the steps, the variances in C are estimated by REML.
+
+Source: Jategaonkar, Flight Vehicle System Identification, 2nd ed. (2015), chapters 4 and 5.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from controllers.signals import Array
+from heli_twin.calibration import noise
+from heli_twin.calibration.data import BINS, WINDOW_STEPS, Flight
+from heli_twin.calibration.drive import Drive, drive_of
+from heli_twin.calibration.motion import Lanes, simulate
+from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
+
+OF_A_LOG = (
+    "push_x",
+    "push_y",
+    "push_z",
+    "marker_roll",
+    "marker_pitch",
+    "marker_yaw",
+    "marker_x",
+    "marker_y",
+    "marker_z",
+    "delay_error",
+)
+"""Nuisance of each log: m/s^2 in the world; tilt of the marker body, rad; its place in the body, m; s."""
+LOG_SPREAD = np.array([0.3] * 3 + [0.02] * 3 + [0.01] * 3 + [0.0003])
+"""Standard deviations of their priors. A flight begins anywhere between two steps of radio and physics."""
+PUSH, TILT, LEVER, LATE = slice(0, 3), slice(3, 6), slice(6, 9), 9
+N_THETA, N_LOG, N_START = len(NAMES), len(OF_A_LOG), 12
+STEPS = {
+    "delay": 2e-5,
+    "hub_drag_per_iyy": 0.1,
+    "thrust_yaw_coupling_per_izz": 1e-2,
+    "drag_z_per_mass": 1e-3,
+    "battery_drain": 1e-5,
+    "battery_droop": 1e-3,
+    "ground_effect": 0.05,
+}
+"""Steps of the differences; 1e-4 for the others."""
+START_STEP = np.array([0, 0, 0, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
+PUSH_STEP = 1e-3
+DRIVEN = ("delay", "servo_lag", "thrust_lag", "yaw_lag", "thrust_per_mass", "battery_drain", "battery_droop")
+"""Parameters that change what the actuators do."""
+MAX_ITERATIONS = 14
+BLIND_ITERATIONS = 2
+"""Iterations with the prior's noise: before them, residuals are errors of the parameters."""
+MAX_STEP = 0.4
+"""Largest step of a logarithm, and of the others in units of their prior's spread."""
+CONVERGED = 0.1
+"""Largest step, in posterior standard deviations, of a fit that has converged."""
+MEMORY_WINDOWS = 2
+"""Windows further apart than this are taken as independent by the sandwich."""
+
+
+class State(NamedTuple):
+    """What is being fitted."""
+
+    theta: Array
+    """(n,) parameters; logarithms of positive ones."""
+    nuisance: Array
+    """(logs, N_LOG)."""
+    start: Array
+    """(w, 12)."""
+    eta: Array
+    """(9,) logarithms of `noise.COMPONENTS`."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A finished fit."""
+
+    flights: tuple[Flight, ...]
+    lab: Lab
+    prior: Array
+    """(n,) mean of the prior."""
+    spread: Array
+    """(n,) standard deviation of the prior."""
+    state: State
+    covariance: Array
+    """(n, n) of theta: the model's."""
+    sandwich: Array
+    """(n, n) of theta, from the scatter of the windows."""
+    nuisance_deviation: Array
+    """(logs, N_LOG) standard deviations."""
+    eta_covariance: Array
+    last_step: float
+    """Largest step of the last iteration, posterior standard deviations."""
+    iterations: int
+    residual: Array = field(repr=False)
+    """(w, BINS, 6) poses minus prediction, each window's first state fitted; 0 where there is no pose."""
+    predicted: Array = field(repr=False)
+    """(w, BINS, 6)."""
+    nuisance_jacobian: Array = field(repr=False)
+    """(w, BINS, 6, 12) by the first state."""
+    log_of: Array = field(repr=False)
+    """(w,) log of each window."""
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviations (n,) of theta: the wider of model and sandwich."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), np.diag(self.sandwich)))
+
+
+class Problem:
+    """The windows of all flights, stacked."""
+
+    def __init__(self, flights: Sequence[Flight], lab: Lab, prior: Array, spread: Array = SPREAD) -> None:
+        self.flights, self.lab, self.prior, self.spread = tuple(flights), lab, prior, spread
+        windows = [flight.windows for flight in flights]
+        self.y = np.concatenate([w.y for w in windows])
+        self.frames = np.concatenate([w.frames for w in windows])
+        self.weights = np.concatenate([w.weights for w in windows])
+        self.early = np.concatenate([w.early for w in windows])
+        self.start = np.concatenate([w.start for w in windows])
+        self.log_of = np.repeat(np.arange(len(flights)), [len(w.first) for w in windows])
+        self.present = self.frames > 0
+        # Headings between poses, for the covariance alone.
+        self.yaw = np.stack([_filled(y[:, 3], seen) for y, seen in zip(self.y, self.present, strict=True)])
+
+    def initial(self) -> State:
+        """The prior's helicopter, with the first states that the poses suggest."""
+        return State(self.prior.copy(), np.zeros((len(self.flights), N_LOG)), self.start.copy(), np.log(noise.PRIOR))
+
+    def predict(self, state: State) -> Array:
+        """Poses (w, BINS, 6) that a state predicts."""
+        return self._measured(self._simulate(state, np.zeros((1, N_THETA)), None)[0], state)
+
+    def linearise(self, state: State) -> tuple[Array, Array, Array]:
+        """Predicted poses (w, BINS, 6), and their derivatives by theta and a log's nuisance, and by the first state."""
+        steps = np.array([STEPS.get(name, 1e-4) for name in NAMES])
+        out = self._simulate(state, np.vstack([np.zeros(N_THETA), np.diag(steps)]), START_STEP)
+        n, m = 1 + N_THETA, 1 + N_THETA + N_START - 3
+        by_theta = (out[1:n] - out[0]) / steps[:, None, None, None]
+        by_start = (out[n:m] - out[0]) / START_STEP[3:, None, None, None]
+        by_push = (out[m:] - out[0]) / PUSH_STEP
+        by_place = np.zeros((3, *out.shape[1:]))
+        by_place[range(3), :, :, range(3)] = 1.0
+        jacobian = np.moveaxis(np.concatenate([by_theta, by_push]), 0, -1)
+        first = np.moveaxis(np.concatenate([by_place, by_start]), 0, -1)
+        h, lever = out[0], state.nuisance[self.log_of][:, LEVER]
+        turned = _lever_turned(h, lever)
+        for columns in (jacobian, first):
+            columns[..., :3, :] += np.einsum("wbij,wbjc->wbic", turned, columns[..., 3:, :])
+        of_log = np.concatenate(
+            [jacobian[..., N_THETA:], _by_tilt(h), _by_lever(h), jacobian[..., [INDEX["delay"]]]], axis=-1
+        )
+        seen = self.present[:, :, None, None]
+        jacobian = np.concatenate([jacobian[..., :N_THETA], of_log], axis=-1) * seen
+        return self._measured(h, state), jacobian, first * seen
+
+    def residual(self, predicted: Array) -> Array:
+        """Poses minus prediction; 0 where there is no pose."""
+        return (self.y - predicted) * self.present[..., None]
+
+    def _measured(self, h: Array, state: State) -> Array:
+        nuisance = state.nuisance[self.log_of]
+        out = h + np.einsum("wbic,wc->wbi", _by_tilt(h), nuisance[:, TILT])
+        out[..., :3] += np.einsum("wbic,wc->wbi", _by_lever(h)[..., :3, :], nuisance[:, LEVER])
+        return out
+
+    def _simulate(self, state: State, theta_steps: Array, start_steps: Array | None) -> Array:
+        """Simulated poses (p, w, BINS, 6): a variant for each row of `theta_steps`, then first states, then pushes."""
+        variants = theta_steps + state.theta
+        p, w = len(variants), len(self.log_of)
+        driven = [0, *(1 + INDEX[name] for name in DRIVEN)] if p > 1 else [0]
+        which = np.zeros(p, np.int64)
+        which[driven] = np.arange(len(driven))
+        push = np.broadcast_to(state.nuisance[self.log_of][:, PUSH], (p, w, 3))
+        start = np.broadcast_to(state.start, (p, w, N_START))
+        if start_steps is not None:
+            extra = N_START - 3 + 3
+            variants = np.vstack([variants, np.broadcast_to(state.theta, (extra, N_THETA))])
+            which = np.concatenate([which, np.zeros(extra, np.int64)])
+            start, push = (np.concatenate([a, np.broadcast_to(a[0], (extra, *a.shape[1:]))]) for a in (start, push))
+            for i in range(3, N_START):
+                start[p + i - 3, :, i] += start_steps[i]
+            for i in range(3):
+                push[p + N_START - 3 + i, :, i] += PUSH_STEP
+        drive = self._drives(state, [variants[i] for i in driven])
+        lanes = Lanes(variants, start, push, drive, which)
+        return simulate(lanes, self.weights, self.early, self.lab)
+
+    def _drives(self, state: State, variants: Sequence[Array]) -> Array:
+        out = np.empty((WINDOW_STEPS, len(variants), 4, len(self.log_of)))
+        at = 0
+        for i, flight in enumerate(self.flights):
+            rows = flight.windows.first[None, :] + np.arange(WINDOW_STEPS)[:, None]
+            count = rows.shape[1]
+            for j, theta in enumerate(variants):
+                late = theta.copy()
+                late[INDEX["delay"]] += state.nuisance[i, LATE]
+                drive: Drive = drive_of(flight, late)
+                for k, channel in enumerate(drive):
+                    out[:, j, k, at : at + count] = channel[rows]
+            at += count
+        return out
+
+
+def _filled(values: Array, seen: Array) -> Array:
+    i = np.arange(len(values))
+    return np.interp(i, i[seen], values[seen])
+
+
+def _by_tilt(h: Array) -> Array:
+    """Derivative (w, BINS, 6, 3) of a measured pose by a small tilt of the marker body about its own axes."""
+    pitch, roll = h[..., 4], h[..., 5]
+    sr, cr, tp, cp = np.sin(roll), np.cos(roll), np.tan(pitch), np.cos(pitch)
+    out = np.zeros((*h.shape, 3))
+    out[..., 3, 1], out[..., 3, 2] = sr / cp, cr / cp
+    out[..., 4, 1], out[..., 4, 2] = cr, -sr
+    out[..., 5, 0], out[..., 5, 1], out[..., 5, 2] = 1.0, tp * sr, tp * cr
+    return out
+
+
+def _by_lever(h: Array) -> Array:
+    """Derivative (w, BINS, 6, 3) of a measured pose by the place of the markers in the body."""
+    (sy, sp, sr), (cy, cp, cr) = (np.moveaxis(f(h[..., 3:]), -1, 0) for f in (np.sin, np.cos))
+    out = np.zeros((*h.shape, 3))
+    out[..., 0, :] = np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=-1)
+    out[..., 1, :] = np.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], axis=-1)
+    out[..., 2, :] = np.stack([-sp, cp * sr, cp * cr], axis=-1)
+    return out
+
+
+def _lever_turned(h: Array, lever: Array) -> Array:
+    """Derivative (w, BINS, 3, 3) of the markers' position by yaw, pitch and roll."""
+    base, out = _by_lever(h)[..., :3, :], np.empty((*h.shape[:2], 3, 3))
+    for i in range(3):
+        moved = h.copy()
+        moved[..., 3 + i] += 1e-5
+        out[..., i] = np.einsum("wbic,wc->wbi", (_by_lever(moved)[..., :3, :] - base) / 1e-5, lever)
+    return out
+
+
+class Normal(NamedTuple):
+    """The linearised problem after the projection of the first states."""
+
+    matrix: Array
+    """(m, m) sum of J' P J, of theta and then each log's nuisance."""
+    vector: Array
+    """(m,) sum of J' P r."""
+    scores: Array
+    """(w, m) J' P r of each window."""
+    to_start: Callable[[Array], Array]
+    """From a step (m,) to the steps (w, 12) of the first states."""
+
+
+def normal(
+    problem: Problem, air: noise.Windage, eta: Array, residual: Array, jacobian: Array, first: Array
+) -> Normal:
+    """Return the normal equations of one Gauss-Newton step."""
+    w, logs = len(problem.log_of), len(problem.flights)
+    m = N_THETA + logs * N_LOG
+    local, own = np.zeros((w, N_THETA + N_LOG, N_THETA + N_LOG)), np.zeros((w, N_THETA + N_LOG))
+    from_j, from_r = np.zeros((w, N_START, N_THETA + N_LOG)), np.zeros((w, N_START))
+    start = np.zeros((w, N_START, N_START))
+    rows = np.concatenate([jacobian, residual[..., None], first], axis=-1)
+    n = N_THETA + N_LOG
+    for weights in noise.weighted(air, eta, with_parts=False):
+        k = weights.windows
+        for matrix, part in noise.blocks(weights, rows).values():
+            gram = part.transpose(0, 2, 1) @ (matrix @ part)
+            local[k] += gram[:, :n, :n]
+            own[k] += gram[:, :n, n]
+            from_j[k] += gram[:, n + 1 :, :n]
+            from_r[k] += gram[:, n + 1 :, n]
+            start[k] += gram[:, n + 1 :, n + 1 :]
+    inverse = np.linalg.inv(start + 1e-9 * np.eye(N_START))
+    back_j, back_r = inverse @ from_j, (inverse @ from_r[..., None])[..., 0]
+    local -= from_j.transpose(0, 2, 1) @ back_j
+    own -= (from_j.transpose(0, 2, 1) @ back_r[..., None])[..., 0]
+    matrix, scores = np.zeros((m, m)), np.zeros((w, m))
+    for i in range(w):
+        c = columns(int(problem.log_of[i]))
+        matrix[np.ix_(c, c)] += local[i]
+        scores[i, c] = own[i]
+
+    def to_start(step: Array) -> Array:
+        of_window = np.stack([step[columns(int(log))] for log in problem.log_of])
+        return back_r - (back_j @ of_window[..., None])[..., 0]
+
+    return Normal(matrix, scores.sum(axis=0), scores, to_start)
+
+
+def columns(log: int) -> Array:
+    """The places of theta and of a log's nuisance in the vector of all unknowns."""
+    return np.concatenate([np.arange(N_THETA), N_THETA + log * N_LOG + np.arange(N_LOG)])
+
+
+def fit(problem: Problem, progress: Callable[[float], None] = lambda done: None) -> Fit:
+    """Fit the twin to flights.
+
+    Args:
+        problem: The flights and the prior.
+        progress: Called with the share that is done.
+    """
+    # More threads would add numbers in another order.
+    with threadpool_limits(limits=1):
+        return _fit(problem, progress)
+
+
+def _fit(problem: Problem, progress: Callable[[float], None]) -> Fit:
+    state, logs = problem.initial(), len(problem.flights)
+    spread = np.concatenate([problem.spread, np.tile(LOG_SPREAD, logs)])
+    precision = np.diag(spread**-2.0)
+    eta_covariance, last = np.eye(len(noise.COMPONENTS)), np.inf
+    iteration, wanted = 0, MAX_ITERATIONS
+    while True:
+        predicted, jacobian, first = problem.linearise(state)
+        residual = problem.residual(predicted)
+        air = noise.windage(state.theta, problem.yaw, problem.frames)
+        if iteration >= BLIND_ITERATIONS:
+            eta = state.eta
+            for _ in range(2 if iteration < 5 else 1):
+                eta, eta_covariance, _ = noise.reml_step(air, eta, residual, first)
+            state = state._replace(eta=eta)
+        equations = normal(problem, air, state.eta, residual, jacobian, first)
+        away = np.concatenate([state.theta - problem.prior, state.nuisance.ravel()])
+        covariance = np.linalg.inv(equations.matrix + precision)
+        step = covariance @ (equations.vector - precision @ away)
+        last = float(np.max(np.abs(step[:N_THETA]) / np.sqrt(np.diag(covariance))[:N_THETA]))
+        iteration += 1
+        progress(min(iteration / 9.0, 0.95))
+        if iteration > BLIND_ITERATIONS + 1 and last < CONVERGED or iteration >= wanted:
+            break
+        step *= min(1.0, MAX_STEP / np.max(np.abs(step[:N_THETA]) / _scale(problem.spread)))
+        state = State(
+            state.theta + step[:N_THETA],
+            state.nuisance + step[N_THETA:].reshape(logs, N_LOG),
+            state.start + equations.to_start(step),
+            state.eta,
+        )
+    sandwich = _sandwich(problem, equations, covariance, precision)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), np.diag(sandwich)))[N_THETA:].reshape(logs, N_LOG)
+    moved = np.einsum("wbic,wc->wbi", first, equations.to_start(np.zeros(len(step))))
+    n = slice(0, N_THETA)
+    return Fit(
+        problem.flights,
+        problem.lab,
+        problem.prior,
+        problem.spread,
+        state,
+        covariance[n, n],
+        sandwich[n, n],
+        deviation,
+        eta_covariance,
+        last,
+        iteration,
+        residual - moved,
+        predicted + moved,
+        first,
+        problem.log_of,
+    )
+
+
+def _scale(spread: Array) -> Array:
+    return np.where(np.arange(len(spread)) >= 0, np.maximum(spread, 1e-9), 1.0)
+
+
+def _sandwich(problem: Problem, equations: Normal, covariance: Array, precision: Array) -> Array:
+    """The covariance from the scatter of the windows' scores, neighbours included, with the prior's share."""
+    scores = equations.scores
+    w, m = scores.shape
+    meat = scores.T @ scores
+    for lag in range(1, MEMORY_WINDOWS + 1):
+        same = problem.log_of[lag:] == problem.log_of[:-lag]
+        cross = scores[lag:][same].T @ scores[:-lag][same]
+        meat += (1.0 - lag / (MEMORY_WINDOWS + 1)) * (cross + cross.T)
+    told = N_THETA
+    meat *= w / max(w - told, 0.2 * w)
+    return covariance @ (meat + precision) @ covariance

@@ -1,0 +1,135 @@
+"""The twin's equations in NumPy, for many windows and many parameters at once.
+
+They are those of `heli_twin.lab.plant.mujoco` with the effects hub drag, ground effect, thrust-yaw coupling and battery,
+and they are integrated as MuJoCo does: semi-implicit Euler, joint damping implicit. With q = (yaw, pitch, roll), all
+torques divided by Iyy and I = diag(Ixx, Iyy, Izz) / Iyy:
+
+    M(q) q'' = J' torque_body + torque_joint - J' (I dJ/dt q' + omega x I omega),   omega = J q',   M = J' I J
+    v' = T/m R e_z - R_yaw diag(drag / m) R_yaw' v + push - g e_z
+
+A test holds them against MuJoCo.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.model import GRAVITY
+from controllers.signals import Array
+from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, WINDOW_STEPS
+from heli_twin.calibration.parameters import INDEX, Lab, values
+
+ROTOR_RADIUS_M, LOWER_HUB_M, DAMPING_LOSS = 0.095, 0.028, 3.0
+"""Of the ground effect: see the plant effect `ground_effect`."""
+
+
+class Lanes(NamedTuple):
+    """What is simulated side by side: p variants of w windows."""
+
+    theta: Array
+    """(p, n) the fit's vectors."""
+    start: Array
+    """(p, w, 12) first states: position, velocity, yaw pitch roll, and their rates."""
+    push: Array
+    """(p, w, 3) acceleration, world, m/s^2."""
+    drive: Array
+    """(WINDOW_STEPS, d, 4, w) pitch, roll, thrust per mass, yaw of d different drives."""
+    which: Array
+    """(p,) the drive of each variant."""
+
+
+def simulate(lanes: Lanes, weights: Array, early: Array, lab: Lab) -> Array:
+    """Return the mean pose of each bin (p, w, BINS, 6): x y z yaw pitch roll of the centre of gravity.
+
+    Args:
+        lanes: What to simulate.
+        weights: (w, WINDOW_STEPS + 1) share of each step in its bin.
+        early: (w, BINS) share of the first step after each bin.
+        lab: The build.
+    """
+    p, w = lanes.push.shape[:2]
+    step = _stepper(lanes, lab)
+    state = np.ascontiguousarray(np.moveaxis(lanes.start, -1, 0))
+    pose, rate = _split(state)
+    out = np.zeros((BINS, 6, p, w))
+    seen, seen_early = weights.any(axis=0), early.any(axis=0)
+    for k in range(WINDOW_STEPS):
+        if seen[k]:
+            out[k // BIN_STEPS] += weights[:, k] * pose
+        if k % BIN_STEPS == 0 and k and seen_early[k // BIN_STEPS - 1]:
+            out[k // BIN_STEPS - 1] += early[:, k // BIN_STEPS - 1] * pose
+        step(pose, rate, lanes.drive[k][lanes.which])
+    if seen_early[-1]:
+        out[-1] += early[:, -1] * pose
+    return np.moveaxis(out, (0, 1), (2, 3))
+
+
+def _split(state: Array) -> tuple[Array, Array]:
+    """Pose (6, p, w) and its rates (6, p, w) of states (12, p, w)."""
+    return np.concatenate([state[:3], state[6:9]]), np.concatenate([state[3:6], state[9:]])
+
+
+def _stepper(lanes: Lanes, lab: Lab):  # noqa: C901
+    c = {name: values(lanes.theta)[:, i, None] for name, i in INDEX.items()}
+    kx, ky, kz = (c[f"drag_{axis}_per_mass"] for axis in "xyz")
+    w2 = c["attitude_frequency"] ** 2
+    damp = 2.0 * c["attitude_damping"] * c["attitude_frequency"]
+    i1, i3 = 1.0 / c["iyy_per_ixx"], c["izz_per_iyy"]
+    damp_roll = damp * np.sqrt(i1)
+    yaw_gain, yaw_damping = i3 * c["yaw_gain_per_izz"], i3 * c["yaw_damping_per_izz"]
+    coupling = i3 * c["thrust_yaw_coupling_per_izz"]
+    hub, ground = c["hub_drag_per_iyy"], c["ground_effect"]
+    sideways = hub * lab.iyy_per_mass
+    push_x, push_y, push_z = np.moveaxis(lanes.push, -1, 0)
+    push_z = push_z - GRAVITY
+    h, mast = STEP_S, lab.mast
+    d_yaw, d_pitch, d_roll = h * yaw_damping, h * damp, h * damp_roll
+    pitch_gain, roll_gain = w2 * c["pitch_gain"], w2 * c["roll_gain"]
+    pitch_trim, roll_trim, yaw_trim = c["pitch_trim"], c["roll_trim"], c["yaw_trim"]
+    sixteenth = (0.25 * ROTOR_RADIUS_M) ** 2
+
+    def step(pose: Array, rate: Array, u: Array) -> None:
+        vx, vy, vz, wy, wp, wr = rate
+        (sy, sp, sr), (cy, cp, cr) = np.sin(pose[3:]), np.cos(pose[3:])
+        # Near the floor: more thrust, less drag.
+        share = ground * sixteenth / np.maximum(pose[2] + LOWER_HUB_M, 0.05) ** 2
+        thrust, far = u[:, 2] / (1.0 - share), 1.0 - DAMPING_LOSS * share
+        # Velocity and drag in the yaw frame.
+        ax, ay = cy * vx + sy * vy, cy * vy - sy * vx
+        fx, fy = far * kx, far * ky
+        gx, gy = fx * ax, fy * ay
+        # Angular velocity in the body frame.
+        pb, qb, rb = wr - wy * sp, wp * cr + wy * cp * sr, wy * cp * cr - wp * sr
+        # Velocity of the hubs in the plane of the disc.
+        bx = cp * ax - sp * vz
+        bz = sp * ax + cp * vz
+        by = cr * ay + sr * bz
+        mx, my = hub * fy * (by - mast * pb), -hub * fx * (bx + mast * qb)
+        nx, ny = -sideways * fx * qb, sideways * fy * pb
+        # Rates of the body frame against those of the joints, and the gyroscopic torque.
+        dp = -wy * wp * cp
+        dq = -wp * wr * sr + wy * (cp * cr * wr - sp * sr * wp)
+        dr = -wp * wr * cr - wy * (sp * cr * wp + cp * sr * wr)
+        tx = mx - i1 * dp - qb * rb * (i3 - 1.0)
+        ty = my - dq - pb * rb * (i1 - i3)
+        tz = coupling * thrust - i3 * dr - pb * qb * (1.0 - i1)
+        t_yaw = cp * (sr * ty + cr * tz) - sp * tx + yaw_gain * (u[:, 3] - yaw_trim)
+        t_yaw -= coupling * GRAVITY + yaw_damping * wy
+        t_pitch = cr * ty - sr * tz + pitch_gain * (u[:, 0] - pitch_trim) - w2 * sp * cr - damp * wp
+        t_roll = tx - roll_gain * (u[:, 1] - roll_trim) - w2 * cp * sr - damp_roll * wr
+        # Solve (M + h D) d = h torque; pitch and roll are coupled through the yaw alone.
+        b, cc = cp * sr * cr * (1.0 - i3), -i1 * sp
+        e, f = cr * cr + i3 * sr * sr + d_pitch, i1 + d_roll
+        a = i1 * sp * sp + cp * cp * (sr * sr + i3 * cr * cr) + d_yaw
+        yaw = (t_yaw - b / e * t_pitch - cc / f * t_roll) / (a - b * b / e - cc * cc / f)
+        rate[3] += h * yaw
+        rate[4] += h * ((t_pitch - b * yaw) / e)
+        rate[5] += h * ((t_roll - cc * yaw) / f)
+        # The small net force of the couple at the hubs acts along the body's axes; its tilt is neglected.
+        gx, gy = gx - nx, gy - ny
+        rate[0] += h * (thrust * (cy * sp * cr + sy * sr) - (cy * gx - sy * gy) + push_x)
+        rate[1] += h * (thrust * (sy * sp * cr - cy * sr) - (sy * gx + cy * gy) + push_y)
+        rate[2] += h * (thrust * cp * cr - kz * vz + push_z)
+        pose += h * rate
+
+    return step

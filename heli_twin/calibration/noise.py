@@ -1,0 +1,303 @@
+"""The covariance of what the twin cannot predict in a window: gusts through drag and attitude, cameras, timing.
+
+Wind is an Ornstein-Uhlenbeck process on both axes of the room; it reaches position and attitude through drag, and
+through the drag's moment at the hubs. Small white accelerations stand for the timing of single commands. The cameras
+have white noise and a slow error of 5 s.
+
+    C = strength^2 G (K(T) x I) G' + sum of variances times known matrices
+
+The variances and T are estimated by REML: maximum likelihood of what remains after the projection of each window's own
+first state, all channels together, by average-information Newton steps.
+
+Sources: Patterson and Thompson, Biometrika 58 (1971); Gilmour, Thompson and Cullis, Biometrics 51 (1995).
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from controllers.model import GRAVITY
+from controllers.signals import Array
+from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S
+from heli_twin.calibration.parameters import INDEX, values
+
+BIN_S = BIN_STEPS * STEP_S
+SLOW_TIME_S = 5.0
+"""In which the slow error of the cameras changes: taken as known."""
+SUBSTEPS = 4
+PLANE = (0, 1, 4, 5)
+"""Channels that the wind reaches: x y pitch roll."""
+COMPONENTS = (
+    "gust_strength",
+    "gust_time",
+    "attitude_jitter",
+    "slow_position_noise",
+    "position_noise",
+    "orientation_noise",
+    "height_jitter",
+    "yaw_jitter",
+    "yaw_noise",
+)
+"""Standard deviations (and the gust's time): wind m/s, s, rad/s^2, m, m, rad, m/s^2, rad/s^2, rad."""
+PRIOR = np.array([0.2, 0.7, 0.5, 0.0005, 0.0003, 0.005, 0.1, 2.0, 0.005])
+PRIOR_SPREAD = np.array([1.5, 0.5, 2.0, 0.7, 0.7, 0.7, 2.0, 2.0, 0.7])
+"""Standard deviation of the prior of each logarithm."""
+CHUNK = 16
+"""Windows whose matrices are in memory at the same time."""
+
+
+class Weighted(NamedTuple):
+    """A chunk of windows with the inverse of their covariance."""
+
+    windows: slice
+    plane: Array
+    """(w, 4 BINS, 4 BINS) inverse covariance of x y pitch roll."""
+    z: Array
+    """(w, BINS, BINS)."""
+    yaw: Array
+    log_det: Array
+    """(w,) logarithm of the determinant of C."""
+    parts: tuple["Part", ...]
+
+
+class Part(NamedTuple):
+    """The derivative of C by the logarithm of a component."""
+
+    block: str
+    matrix: Array
+    """(w, n, n), or (w, n) for a diagonal."""
+
+
+def _dot(part: Part, vectors: Array) -> Array:
+    """Derivative of C times vectors (w, n, c)."""
+    return part.matrix[..., None] * vectors if part.matrix.ndim == 2 else part.matrix @ vectors
+
+
+def wind_response(theta: Array, yaw: Array) -> Array:
+    """Return the response of x y pitch roll of each bin to wind in each bin, (w, 4 BINS, 2 BINS).
+
+    Args:
+        theta: (n,) the fit's vector.
+        yaw: (w, BINS) heading.
+    """
+    return _response(theta, yaw, is_wind=True)
+
+
+def torque_response(theta: Array, yaw: Array) -> Array:
+    """Return the response of x y pitch roll to angular accelerations of pitch and roll, (w, 4 BINS, 2 BINS)."""
+    return _response(theta, yaw, is_wind=False)
+
+
+def _response(theta: Array, yaw: Array, *, is_wind: bool) -> Array:
+    c = dict(zip(INDEX, values(theta), strict=True))
+    kx, ky, hub = c["drag_x_per_mass"], c["drag_y_per_mass"], c["hub_drag_per_iyy"]
+    ratio, w2 = c["iyy_per_ixx"], c["attitude_frequency"] ** 2
+    damp = 2.0 * c["attitude_damping"] * c["attitude_frequency"]
+    w, h = len(yaw), BIN_S / SUBSTEPS
+    cos, sin = np.cos(yaw)[:, None, :], np.sin(yaw)[:, None, :]
+    out = np.zeros((w, 4, BINS, 2, BINS))
+    px, py, vx, vy, t, r, tt, rr = np.zeros((8, w, 2, BINS))
+    for k in range(BINS):
+        live = slice(0, k + 1)
+        force = np.zeros((2, 2, k + 1))
+        force[0, 0, k] = force[1, 1, k] = 1.0
+        cy, sy = cos[:, :, k, None], sin[:, :, k, None]
+        P, Q, VX, VY, T, R, TT, RR = (s[:, :, live] for s in (px, py, vx, vy, t, r, tt, rr))
+        for _ in range(SUBSTEPS):
+            ux, uy = (VX - force[0], VY - force[1]) if is_wind else (VX, VY)
+            ax, ay = cy * ux + sy * uy, cy * uy - sy * ux
+            jx, jy = (0.0, 0.0) if is_wind else (force[0], force[1])
+            TT += h * (jx - w2 * T - damp * TT - hub * kx * ax)
+            RR += h * (jy - ratio * w2 * R - np.sqrt(ratio) * damp * RR + ratio * hub * ky * ay)
+            fx, fy = GRAVITY * T - kx * ax, -GRAVITY * R - ky * ay
+            VX += h * (cy * fx - sy * fy)
+            VY += h * (sy * fx + cy * fy)
+            for i, (state, speed) in enumerate(((P, VX), (Q, VY), (T, TT), (R, RR))):
+                state += h * speed
+                out[:, i, k, :, live] += state / SUBSTEPS
+    return out.reshape(w, 4 * BINS, 2 * BINS)
+
+
+def _integrators(damping: float) -> Array:
+    """Response (BINS, BINS) of an angle or a height to an acceleration in each bin."""
+    since = BIN_S * np.maximum(np.arange(BINS)[:, None] - np.arange(BINS)[None, :] + 0.5, 0.0)
+    if damping < 1e-6:
+        return BIN_S * since
+    return BIN_S * (1.0 - np.exp(-damping * since)) / damping
+
+
+_LAGS = BIN_S * np.abs(np.subtract.outer(np.arange(BINS), np.arange(BINS)))
+_SLOW = np.exp(-_LAGS / SLOW_TIME_S)
+
+
+class Windage(NamedTuple):
+    """What the covariance of each window is made of; it changes with the parameters, slowly."""
+
+    wind: Array
+    torque: Array
+    z: Array
+    yaw: Array
+    frames: Array
+    """(w, BINS) poses in each bin."""
+
+
+def windage(theta: Array, yaw: Array, frames: Array) -> Windage:
+    """Return the responses to everything random."""
+    torque = torque_response(theta, yaw)
+    z, turn = _integrators(0.0), _integrators(float(values(theta)[INDEX["yaw_damping_per_izz"]]))
+    return Windage(wind_response(theta, yaw), torque @ torque.transpose(0, 2, 1), z @ z.T, turn @ turn.T, frames)
+
+
+def weighted(air: Windage, eta: Array, *, with_parts: bool) -> Iterator[Weighted]:
+    """Yield the inverse covariances, some windows at a time.
+
+    Args:
+        air: The responses.
+        eta: (9,) logarithms of `COMPONENTS`.
+        with_parts: Whether to make the derivatives too.
+    """
+    for begin in range(0, len(air.frames), CHUNK):
+        yield _chunk(air, eta, slice(begin, begin + CHUNK), with_parts)
+
+
+def _chunk(air: Windage, eta: Array, windows: slice, with_parts: bool) -> Weighted:
+    s = np.exp(2.0 * eta)
+    wind, frames = air.wind[windows], air.frames[windows]
+    w = len(frames)
+    present = frames > 0
+    many = np.where(present, frames, 1.0)
+    keep = np.concatenate([present] * 4, axis=1)
+    gust = s[0] * _gust(wind, np.exp(eta[1])) * _outer(keep)
+    torque = s[2] * air.torque[windows] * _outer(keep)
+    slow = np.zeros((w, 4 * BINS, 4 * BINS))
+    slow[:, :BINS, :BINS] = slow[:, BINS : 2 * BINS, BINS : 2 * BINS] = s[3] * _SLOW * _outer(present)
+    zero, white = np.zeros((w, BINS)), np.where(present, 1.0 / many, 0.0)
+    place = np.concatenate([s[4] * white, s[4] * white, zero, zero], axis=1)
+    angle = np.concatenate([zero, zero, s[5] * white, s[5] * white], axis=1)
+    plane = gust + torque + slow
+    _add_diagonal(plane, np.where(keep, place + angle, 1.0))
+    z_jitter = s[6] * air.z * _outer(present)
+    z_slow = s[3] * _SLOW * _outer(present)
+    z = z_jitter + z_slow
+    _add_diagonal(z, np.where(present, s[4] * white, 1.0))
+    yaw_jitter = s[7] * air.yaw * _outer(present)
+    yaw = yaw_jitter.copy()
+    _add_diagonal(yaw, np.where(present, s[8] * white, 1.0))
+    parts: tuple[Part, ...] = ()
+    if with_parts:
+        longer = s[0] * _gust(wind, np.exp(eta[1]) * 1.01) * _outer(keep)
+        parts = (
+            Part("plane", 2.0 * gust),
+            Part("plane", (longer - gust) / np.log(1.01)),
+            Part("plane", 2.0 * torque),
+            Part("plane", 2.0 * slow),
+            Part("z", 2.0 * z_slow),
+            Part("plane", 2.0 * place),
+            Part("z", 2.0 * s[4] * white),
+            Part("plane", 2.0 * angle),
+            Part("z", 2.0 * z_jitter),
+            Part("yaw", 2.0 * yaw_jitter),
+            Part("yaw", 2.0 * s[8] * white),
+        )
+    inverses, log_det = [], np.zeros(w)
+    for block in (plane, z, yaw):
+        inverse, det = _inverse(block)
+        inverses.append(inverse)
+        log_det += det
+    return Weighted(windows, *inverses, log_det, parts)
+
+
+PART_OF = (0, 1, 2, 3, 3, 4, 4, 5, 6, 7, 8)
+"""The component of each part."""
+
+
+def _gust(wind: Array, time: float) -> Array:
+    correlation = np.exp(-_LAGS / time)
+    north, west = wind[:, :, :BINS], wind[:, :, BINS:]
+    return north @ correlation @ north.transpose(0, 2, 1) + west @ correlation @ west.transpose(0, 2, 1)
+
+
+def _outer(keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return keep[:, :, None] & keep[:, None, :]
+
+
+def _add_diagonal(matrices: Array, diagonal: Array) -> None:
+    i = np.arange(matrices.shape[-1])
+    matrices[:, i, i] += diagonal
+
+
+def _inverse(matrices: Array) -> tuple[Array, Array]:
+    """Inverse and logarithm of the determinant of symmetric positive matrices (w, n, n)."""
+    out, det = np.empty_like(matrices), np.empty(len(matrices))
+    for i, matrix in enumerate(matrices):
+        factor, bad = lapack.dpotrf(matrix, lower=1)
+        if bad:
+            raise np.linalg.LinAlgError("the covariance of a window is not positive")
+        det[i] = 2.0 * np.log(np.diag(factor)).sum()
+        inverse, _ = lapack.dpotri(factor, lower=1)
+        lower = np.tril(inverse)
+        out[i] = lower + np.tril(inverse, -1).T
+    return out, det
+
+
+def blocks(weights: Weighted, rows: Array) -> dict[str, tuple[Array, Array]]:
+    """The inverse covariance and the rows (w, n, c) of each block, of rows (w, BINS, 6, c)."""
+    part = rows[weights.windows]
+    w, _, _, c = part.shape
+    plane = np.moveaxis(part[:, :, PLANE], 2, 1).reshape(w, 4 * BINS, c)
+    return {
+        "plane": (weights.plane, plane),
+        "z": (weights.z, part[:, :, 2]),
+        "yaw": (weights.yaw, part[:, :, 3]),
+    }
+
+
+def reml_step(air: Windage, eta: Array, residual: Array, nuisance: Array) -> tuple[Array, Array, float]:
+    """Return the next eta, its covariance, and the restricted log-likelihood before the step.
+
+    Args:
+        air: The responses.
+        eta: (9,) logarithms of `COMPONENTS`.
+        residual: (w, BINS, 6) poses minus prediction, 0 where there is no pose.
+        nuisance: (w, BINS, 6, 12) derivative of the prediction by each window's first state.
+    """
+    n = len(COMPONENTS)
+    score, information, likelihood = np.zeros(n), np.zeros((n, n)), 0.0
+    rows = np.concatenate([residual[..., None], nuisance], axis=-1)
+    for weights in weighted(air, eta, with_parts=True):
+        r, x, inverse = {}, {}, {}
+        for name, (matrix, part) in blocks(weights, rows).items():
+            inverse[name], r[name], x[name] = matrix, part[..., :1], part[..., 1:]
+        cx = {name: inverse[name] @ x[name] for name in x}
+        cr = {name: inverse[name] @ r[name] for name in x}
+        m = sum(x[name].transpose(0, 2, 1) @ cx[name] for name in x)
+        _add_diagonal(m, np.full(m.shape[:2], 1e-9))
+        m_inverse = np.linalg.inv(m)
+        beta = m_inverse @ sum(cx[name].transpose(0, 2, 1) @ r[name] for name in x)
+        u = {name: cr[name] - cx[name] @ beta for name in x}
+        likelihood -= 0.5 * float(
+            (weights.log_det + np.linalg.slogdet(m)[1] + sum((r[k] * u[k]).sum((1, 2)) for k in x)).sum()
+        )
+        bu = [_dot(part, u[part.block]) for part in weights.parts]
+        pbu = []
+        for part, v in zip(weights.parts, bu, strict=True):
+            name = part.block
+            through = m_inverse @ (cx[name].transpose(0, 2, 1) @ v)
+            pbu.append({k: (inverse[k] @ v if k == name else 0.0) - cx[k] @ through for k in x})
+        for i, part in enumerate(weights.parts):
+            name = part.block
+            if part.matrix.ndim == 2:
+                trace = (np.diagonal(inverse[name], axis1=1, axis2=2) * part.matrix).sum()
+            else:
+                trace = np.vdot(inverse[name], part.matrix)
+            trace -= np.einsum("wij,wji->", m_inverse, cx[name].transpose(0, 2, 1) @ _dot(part, cx[name]))
+            score[PART_OF[i]] += 0.5 * (np.vdot(u[name], bu[i]) - trace)
+            for j, other in enumerate(weights.parts):
+                information[PART_OF[i], PART_OF[j]] += 0.5 * np.vdot(pbu[i][other.block], bu[j])
+    prior = np.diag(PRIOR_SPREAD**-2.0)
+    covariance = np.linalg.inv(0.5 * (information + information.T) + prior)
+    step = covariance @ (score - prior @ (eta - np.log(PRIOR)))
+    return eta + np.clip(step, -0.7, 0.7), covariance, likelihood
