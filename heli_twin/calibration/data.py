@@ -91,6 +91,15 @@ class Sent:
         late = self._integral(edges - self._frame, self._once, self._twice)
         return np.diff(self._integral(edges, self._once, self._twice) - late, axis=0) / (STEP_S * self._frame)
 
+    def held(self, t: Array) -> Array:
+        """Return the commands (..., 4) that were sent last at times (...), s."""
+        return self.u[np.clip(np.searchsorted(self._t, t, side="right") - 1, 0, len(self.u) - 1)]
+
+    @property
+    def frame(self) -> float:
+        """Time between two frames of the radio, s."""
+        return self._frame
+
     def _integral(self, t: Array, once: Array, twice: Array | None) -> Array:
         i = np.clip(np.searchsorted(self._t, t, side="right") - 1, 0, len(self.u) - 1)
         since = (t - self._t[i])[:, None]

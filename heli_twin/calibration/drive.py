@@ -4,6 +4,7 @@ The lag of MuJoCo's `filterexact` is exact for an input that is held over a step
 newest value, so that a linear filter is the whole of it. The battery's voltage follows from the thrust alone.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from controllers.model import GRAVITY
 from controllers.signals import Array
 from heli_twin.calibration.data import STEP_S, Flight
 from heli_twin.calibration.parameters import BATTERY_VOLTAGE_V, INDEX, values
+from heli_twin.lab.plant.effects import PERIOD_NS
 from heli_twin.lab.plant.effects.battery import CHARGES, OPEN_VOLTAGES_V
 
 THRUST_EXPONENT, CURRENT_EXPONENT = 1.6, 1.5
@@ -30,22 +32,90 @@ class Drive(NamedTuple):
     yaw: Array
 
 
-def drive_of(flight: Flight, theta: Array) -> Drive:
+def drives_of(flight: Flight, variants: Sequence[Array]) -> list[Drive]:
     """Return what a flight's commands make the actuators do.
 
     Args:
         flight: With its commands.
-        theta: (n,) the fit's vector.
+        variants: Some vectors (n,) of the fit; those that differ in the delay alone share the servos' path.
     """
-    p = values(theta)
+    each = [values(theta) for theta in variants]
+    cyclic = _Servos(flight, each) if max(map(sum, map(_play_of, each))) > 0.0 else None
+    return [_drive(flight, p, cyclic) for p in each]
+
+
+def _play_of(p: Array) -> tuple[float, float]:
+    """Backlash and slowness."""
+    return max(float(p[INDEX["servo_backlash"]]), 0.0), max(float(p[INDEX["servo_slowness"]]), 0.0)
+
+
+def _drive(flight: Flight, p: Array, servos: "_Servos | None") -> Drive:
     t = flight.origin + STEP_S * np.arange(flight.steps)
     u = flight.sent.acting(float(p[INDEX["delay"]]), t)
+    cyclic = u[:, :2] if servos is None else servos.swashplate(p)
     servo, rotor, yaw = (float(p[INDEX[name]]) for name in ("servo_lag", "thrust_lag", "yaw_lag"))
     throttle = _lagged(u[:, 2], rotor)
     gain = float(p[INDEX["thrust_per_mass"]])
     drain, droop = float(p[INDEX["battery_drain"]]), float(p[INDEX["battery_droop"]])
     thrust = gain * throttle * _battery(gain * throttle / GRAVITY, drain, droop)
-    return Drive(_lagged(u[:, 0], servo), _lagged(u[:, 1], servo), thrust, _lagged(u[:, 3], yaw))
+    return Drive(_lagged(cyclic[:, 0], servo), _lagged(cyclic[:, 1], servo), thrust, _lagged(u[:, 3], yaw))
+
+
+class _Servos:
+    """The swashplate of one flight, averaged over the unknown phase of the radio's frames.
+
+    A servo that moves at limited speed, and a linkage with play, do not follow the average of their inputs: their path
+    is found for each of some phases, and then averaged.
+    """
+
+    def __init__(self, flight: Flight, variants: Sequence[Array]) -> None:
+        self._delay = float(variants[0][INDEX["delay"]])
+        self._t = flight.origin + STEP_S * (np.arange(flight.steps) + 0.5)
+        sent = flight.sent
+        times = flight.origin + SERVO_STEP_S * np.arange(flight.steps * STEP_S // SERVO_STEP_S + 2)
+        wait = np.zeros((len(times), 1))
+        if sent.frame:
+            wait = np.mod(times[:, None] - sent.frame * (np.arange(PHASES) + 0.5) / PHASES, sent.frame)
+        u = sent.held(times[:, None] - (self._delay - 0.5 * sent.frame) - wait)[..., :2]
+        self._plays = list(dict.fromkeys(map(_play_of, variants)))
+        self._paths = _swashplates(u, np.array(self._plays))
+        self._times = times + 0.5 * SERVO_STEP_S
+
+    def swashplate(self, p: Array) -> Array:
+        """Return its mean path (steps, 2) before the lag; a longer delay moves the whole path."""
+        path = self._paths[:, self._plays.index(_play_of(p))]
+        t = self._t - (float(p[INDEX["delay"]]) - self._delay)
+        return np.column_stack([np.interp(t, self._times, axis) for axis in path.T])
+
+
+def _swashplates(u: Array, plays: Array) -> Array:
+    """Servo and linkage as the plant effect `servo` has them: it moves once a period, and at a new command.
+
+    Args:
+        u: (n, phases, 2) commands that act, every `SERVO_STEP_S`.
+        plays: (v, 2) backlash and slowness.
+
+    Returns:
+        (n, v, 2) path, the mean over the phases.
+    """
+    half = 0.5 * plays[:, 0, None, None]
+    travel = SERVO_PERIOD_S / np.maximum(plays[:, 1, None, None], 1e-9)
+    out = np.empty((len(u), len(plays), 2))
+    servo = plate = np.broadcast_to(u[0], (len(plays), *u[0].shape))
+    low = high = servo
+    for k, now in enumerate(u):
+        if k % SERVO_PERIOD_STEPS == 0:
+            low, high = servo - travel, servo + travel
+        servo = np.minimum(np.maximum(now, low), high)
+        plate = np.minimum(np.maximum(plate, servo - half), servo + half)
+        out[k] = plate.sum(axis=1)
+    return out / u.shape[1]
+
+
+SERVO_STEP_S, SERVO_PERIOD_S = 0.002, 1e-9 * PERIOD_NS
+SERVO_PERIOD_STEPS = round(SERVO_PERIOD_S / SERVO_STEP_S)
+PHASES = 11
+"""Phases of the radio's frames over which the swashplate is averaged."""
 
 
 def _lagged(u: Array, lag: float) -> Array:

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.data import BINS, WINDOW_STEPS, Flight
-from heli_twin.calibration.drive import Drive, drive_of
+from heli_twin.calibration.drive import drives_of
 from heli_twin.calibration.motion import Lanes, simulate
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
 
@@ -35,7 +35,7 @@ OF_A_LOG = (
     "delay_error",
 )
 """Nuisance of each log: m/s^2 in the world; tilt of the marker body, rad; its place in the body, m; s."""
-LOG_SPREAD = np.array([0.3] * 3 + [0.02] * 3 + [0.01] * 3 + [0.0003])
+LOG_SPREAD = np.array([0.3, 0.3, 0.1] + [0.02] * 3 + [0.01] * 3 + [0.0003])
 """Standard deviations of their priors. A flight begins anywhere between two steps of radio and physics."""
 PUSH, TILT, LEVER, LATE = slice(0, 3), slice(3, 6), slice(6, 9), 9
 N_THETA, N_LOG, N_START = len(NAMES), len(OF_A_LOG), 12
@@ -46,18 +46,34 @@ STEPS = {
     "drag_z_per_mass": 1e-3,
     "battery_drain": 1e-5,
     "battery_droop": 1e-3,
+    "servo_backlash": 2e-3,
+    "servo_slowness": 0.02,
     "ground_effect": 0.05,
 }
 """Steps of the differences; 1e-4 for the others."""
 START_STEP = np.array([0, 0, 0, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
 PUSH_STEP = 1e-3
-DRIVEN = ("delay", "servo_lag", "thrust_lag", "yaw_lag", "thrust_per_mass", "battery_drain", "battery_droop")
+DRIVEN = (
+    "delay",
+    "servo_lag",
+    "thrust_lag",
+    "yaw_lag",
+    "thrust_per_mass",
+    "battery_drain",
+    "battery_droop",
+    "servo_backlash",
+    "servo_slowness",
+)
 """Parameters that change what the actuators do."""
+FIRST = {"servo_backlash": 0.02, "servo_slowness": 0.3}
+"""Where the fit of these begins: at zero they have no slope."""
+FIXED = 1e-5
+"""Spread of a prior below which a parameter is held."""
 MAX_ITERATIONS = 14
 BLIND_ITERATIONS = 2
 """Iterations with the prior's noise: before them, residuals are errors of the parameters."""
-MAX_STEP = 0.4
-"""Largest step of a logarithm, and of the others in units of their prior's spread."""
+MAX_STEP = 1.0
+"""Largest step, in units of the prior's spread."""
 CONVERGED = 0.1
 """Largest step, in posterior standard deviations, of a fit that has converged."""
 MEMORY_WINDOWS = 2
@@ -81,12 +97,7 @@ class State(NamedTuple):
 class Fit:
     """A finished fit."""
 
-    flights: tuple[Flight, ...]
-    lab: Lab
-    prior: Array
-    """(n,) mean of the prior."""
-    spread: Array
-    """(n,) standard deviation of the prior."""
+    problem: "Problem"
     state: State
     covariance: Array
     """(n, n) of theta: the model's."""
@@ -102,10 +113,9 @@ class Fit:
     """(w, BINS, 6) poses minus prediction, each window's first state fitted; 0 where there is no pose."""
     predicted: Array = field(repr=False)
     """(w, BINS, 6)."""
-    nuisance_jacobian: Array = field(repr=False)
-    """(w, BINS, 6, 12) by the first state."""
-    log_of: Array = field(repr=False)
-    """(w,) log of each window."""
+    first: Array = field(repr=False)
+    """(w, BINS, 6, 12) derivative by the first state."""
+    air: noise.Windage = field(repr=False)
 
     @property
     def deviation(self) -> Array:
@@ -131,7 +141,16 @@ class Problem:
 
     def initial(self) -> State:
         """The prior's helicopter, with the first states that the poses suggest."""
-        return State(self.prior.copy(), np.zeros((len(self.flights), N_LOG)), self.start.copy(), np.log(noise.PRIOR))
+        theta = self.started(self.prior, self.spread)
+        return State(theta, np.zeros((len(self.flights), N_LOG)), self.start.copy(), np.log(noise.PRIOR))
+
+    @staticmethod
+    def started(theta: Array, spread: Array) -> Array:
+        """Return a vector in which the free parameters without a slope at zero have left it."""
+        out = theta.copy()
+        for name, value in FIRST.items():
+            out[INDEX[name]] = value if spread[INDEX[name]] > FIXED else 0.0
+        return out
 
     def predict(self, state: State) -> Array:
         """Poses (w, BINS, 6) that a state predicts."""
@@ -198,10 +217,8 @@ class Problem:
         for i, flight in enumerate(self.flights):
             rows = flight.windows.first[None, :] + np.arange(WINDOW_STEPS)[:, None]
             count = rows.shape[1]
-            for j, theta in enumerate(variants):
-                late = theta.copy()
-                late[INDEX["delay"]] += state.nuisance[i, LATE]
-                drive: Drive = drive_of(flight, late)
+            late = [theta + state.nuisance[i, LATE] * (np.arange(N_THETA) == INDEX["delay"]) for theta in variants]
+            for j, drive in enumerate(drives_of(flight, late)):
                 for k, channel in enumerate(drive):
                     out[:, j, k, at : at + count] = channel[rows]
             at += count
@@ -255,43 +272,42 @@ class Normal(NamedTuple):
     """(w, m) J' P r of each window."""
     to_start: Callable[[Array], Array]
     """From a step (m,) to the steps (w, 12) of the first states."""
+    reml: noise.Reml
 
 
-def normal(
-    problem: Problem, air: noise.Windage, eta: Array, residual: Array, jacobian: Array, first: Array
-) -> Normal:
-    """Return the normal equations of one Gauss-Newton step."""
-    w, logs = len(problem.log_of), len(problem.flights)
-    m = N_THETA + logs * N_LOG
-    local, own = np.zeros((w, N_THETA + N_LOG, N_THETA + N_LOG)), np.zeros((w, N_THETA + N_LOG))
-    from_j, from_r = np.zeros((w, N_START, N_THETA + N_LOG)), np.zeros((w, N_START))
-    start = np.zeros((w, N_START, N_START))
-    rows = np.concatenate([jacobian, residual[..., None], first], axis=-1)
-    n = N_THETA + N_LOG
-    for weights in noise.weighted(air, eta, with_parts=False):
-        k = weights.windows
-        for matrix, part in noise.blocks(weights, rows).values():
-            gram = part.transpose(0, 2, 1) @ (matrix @ part)
-            local[k] += gram[:, :n, :n]
-            own[k] += gram[:, :n, n]
-            from_j[k] += gram[:, n + 1 :, :n]
-            from_r[k] += gram[:, n + 1 :, n]
-            start[k] += gram[:, n + 1 :, n + 1 :]
-    inverse = np.linalg.inv(start + 1e-9 * np.eye(N_START))
-    back_j, back_r = inverse @ from_j, (inverse @ from_r[..., None])[..., 0]
-    local -= from_j.transpose(0, 2, 1) @ back_j
-    own -= (from_j.transpose(0, 2, 1) @ back_r[..., None])[..., 0]
+def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Normal:
+    """Return the normal equations of one Gauss-Newton step, and of the variances.
+
+    Args:
+        problem: The flights.
+        air: The responses to wind and torque.
+        eta: (9,) logarithms of `noise.COMPONENTS`.
+        rows: (w, BINS, 6, .) derivatives by theta and a log's nuisance, the residual, and derivatives by the first state.
+    """
+    w, n = len(problem.log_of), N_THETA + N_LOG
+    gram, reml = np.zeros((w, n + 1 + N_START, n + 1 + N_START)), noise.Reml()
+    for weights in noise.weighted(air, eta, with_parts=True):
+        k, parts = weights.windows, noise.blocks(weights, rows)
+        for matrix, part in parts.values():
+            gram[k] += part.transpose(0, 2, 1) @ (matrix @ part)
+        gram[k, n + 1 :, n + 1 :] += 1e-9 * np.eye(N_START)
+        residual = {name: part[..., n : n + 1] for name, (_, part) in parts.items()}
+        first = {name: part[..., n + 1 :] for name, (_, part) in parts.items()}
+        reml.add(weights, residual, first, gram[k, n + 1 :, n + 1 :])
+    inverse = np.linalg.inv(gram[:, n + 1 :, n + 1 :])
+    back = inverse @ gram[:, n + 1 :, : n + 1]
+    local = gram[:, : n + 1, : n + 1] - gram[:, : n + 1, n + 1 :] @ back
+    m = N_THETA + len(problem.flights) * N_LOG
     matrix, scores = np.zeros((m, m)), np.zeros((w, m))
-    for i in range(w):
-        c = columns(int(problem.log_of[i]))
-        matrix[np.ix_(c, c)] += local[i]
-        scores[i, c] = own[i]
+    places = [columns(int(log)) for log in problem.log_of]
+    for i, c in enumerate(places):
+        matrix[np.ix_(c, c)] += local[i, :n, :n]
+        scores[i, c] = local[i, :n, n]
 
     def to_start(step: Array) -> Array:
-        of_window = np.stack([step[columns(int(log))] for log in problem.log_of])
-        return back_r - (back_j @ of_window[..., None])[..., 0]
+        return back[..., n] - np.stack([of_window @ step[c] for of_window, c in zip(back[..., :n], places, strict=True)])
 
-    return Normal(matrix, scores.sum(axis=0), scores, to_start)
+    return Normal(matrix, scores.sum(axis=0), scores, to_start, reml)
 
 
 def columns(log: int) -> Array:
@@ -299,58 +315,56 @@ def columns(log: int) -> Array:
     return np.concatenate([np.arange(N_THETA), N_THETA + log * N_LOG + np.arange(N_LOG)])
 
 
-def fit(problem: Problem, progress: Callable[[float], None] = lambda done: None) -> Fit:
+def fit(problem: Problem, begin: State | None = None, progress: Callable[[], None] = lambda: None) -> Fit:
     """Fit the twin to flights.
 
     Args:
         problem: The flights and the prior.
-        progress: Called with the share that is done.
+        begin: From an earlier fit of the same flights; None for the prior.
+        progress: Called after every iteration.
     """
     # More threads would add numbers in another order.
     with threadpool_limits(limits=1):
-        return _fit(problem, progress)
+        return _fit(problem, begin, progress)
 
 
-def _fit(problem: Problem, progress: Callable[[float], None]) -> Fit:
-    state, logs = problem.initial(), len(problem.flights)
+def _fit(problem: Problem, begin: State | None, progress: Callable[[], None]) -> Fit:
+    state, logs = begin or problem.initial(), len(problem.flights)
     spread = np.concatenate([problem.spread, np.tile(LOG_SPREAD, logs)])
     precision = np.diag(spread**-2.0)
-    eta_covariance, last = np.eye(len(noise.COMPONENTS)), np.inf
-    iteration, wanted = 0, MAX_ITERATIONS
-    while True:
+    blind = 0 if begin else BLIND_ITERATIONS
+    air = None
+    for iteration in range(1, MAX_ITERATIONS + 1):
         predicted, jacobian, first = problem.linearise(state)
         residual = problem.residual(predicted)
-        air = noise.windage(state.theta, problem.yaw, problem.frames)
-        if iteration >= BLIND_ITERATIONS:
-            eta = state.eta
-            for _ in range(2 if iteration < 5 else 1):
-                eta, eta_covariance, _ = noise.reml_step(air, eta, residual, first)
-            state = state._replace(eta=eta)
-        equations = normal(problem, air, state.eta, residual, jacobian, first)
+        if air is None or iteration <= blind + 3:
+            air = noise.windage(state.theta, problem.yaw, problem.frames)
+        equations = normal(problem, air, state.eta, np.concatenate([jacobian, residual[..., None], first], axis=-1))
+        eta, eta_covariance = equations.reml.step(state.eta)
         away = np.concatenate([state.theta - problem.prior, state.nuisance.ravel()])
         covariance = np.linalg.inv(equations.matrix + precision)
         step = covariance @ (equations.vector - precision @ away)
         last = float(np.max(np.abs(step[:N_THETA]) / np.sqrt(np.diag(covariance))[:N_THETA]))
-        iteration += 1
-        progress(min(iteration / 9.0, 0.95))
-        if iteration > BLIND_ITERATIONS + 1 and last < CONVERGED or iteration >= wanted:
+        calm = bool(np.max(np.abs(eta - state.eta) / np.sqrt(np.diag(eta_covariance))) < 1.0)
+        progress()
+        if (iteration > blind + 1 and last < CONVERGED and calm) or iteration == MAX_ITERATIONS:
             break
-        step *= min(1.0, MAX_STEP / np.max(np.abs(step[:N_THETA]) / _scale(problem.spread)))
+        step *= min(1.0, MAX_STEP / float(np.max(np.abs(step[:N_THETA]) / np.maximum(problem.spread, FIXED))))
+        theta = state.theta + step[:N_THETA]
+        for name in FIRST:
+            theta[INDEX[name]] = max(theta[INDEX[name]], 0.0)
         state = State(
-            state.theta + step[:N_THETA],
+            theta,
             state.nuisance + step[N_THETA:].reshape(logs, N_LOG),
             state.start + equations.to_start(step),
-            state.eta,
+            state.eta if iteration <= blind else eta,
         )
     sandwich = _sandwich(problem, equations, covariance, precision)
     deviation = np.sqrt(np.maximum(np.diag(covariance), np.diag(sandwich)))[N_THETA:].reshape(logs, N_LOG)
     moved = np.einsum("wbic,wc->wbi", first, equations.to_start(np.zeros(len(step))))
     n = slice(0, N_THETA)
     return Fit(
-        problem.flights,
-        problem.lab,
-        problem.prior,
-        problem.spread,
+        problem,
         state,
         covariance[n, n],
         sandwich[n, n],
@@ -361,12 +375,8 @@ def _fit(problem: Problem, progress: Callable[[float], None]) -> Fit:
         residual - moved,
         predicted + moved,
         first,
-        problem.log_of,
+        air,
     )
-
-
-def _scale(spread: Array) -> Array:
-    return np.where(np.arange(len(spread)) >= 0, np.maximum(spread, 1e-9), 1.0)
 
 
 def _sandwich(problem: Problem, equations: Normal, covariance: Array, precision: Array) -> Array:

@@ -255,49 +255,54 @@ def blocks(weights: Weighted, rows: Array) -> dict[str, tuple[Array, Array]]:
     }
 
 
-def reml_step(air: Windage, eta: Array, residual: Array, nuisance: Array) -> tuple[Array, Array, float]:
-    """Return the next eta, its covariance, and the restricted log-likelihood before the step.
+class Reml:
+    """One average-information step of the variances, gathered over the chunks of windows."""
 
-    Args:
-        air: The responses.
-        eta: (9,) logarithms of `COMPONENTS`.
-        residual: (w, BINS, 6) poses minus prediction, 0 where there is no pose.
-        nuisance: (w, BINS, 6, 12) derivative of the prediction by each window's first state.
-    """
-    n = len(COMPONENTS)
-    score, information, likelihood = np.zeros(n), np.zeros((n, n)), 0.0
-    rows = np.concatenate([residual[..., None], nuisance], axis=-1)
-    for weights in weighted(air, eta, with_parts=True):
-        r, x, inverse = {}, {}, {}
-        for name, (matrix, part) in blocks(weights, rows).items():
-            inverse[name], r[name], x[name] = matrix, part[..., :1], part[..., 1:]
-        cx = {name: inverse[name] @ x[name] for name in x}
-        cr = {name: inverse[name] @ r[name] for name in x}
-        m = sum(x[name].transpose(0, 2, 1) @ cx[name] for name in x)
-        _add_diagonal(m, np.full(m.shape[:2], 1e-9))
+    def __init__(self) -> None:
+        n = len(COMPONENTS)
+        self._score, self._information, self.likelihood = np.zeros(n), np.zeros((n, n)), 0.0
+
+    def add(self, weights: Weighted, residual: dict[str, Array], nuisance: dict[str, Array], m: Array) -> None:
+        """Add a chunk.
+
+        Args:
+            weights: With its parts.
+            residual: (w, n, 1) poses minus prediction of each block, 0 where there is no pose.
+            nuisance: (w, n, 12) derivative of the prediction by each window's first state.
+            m: (w, 12, 12) nuisance' C^-1 nuisance, all blocks together.
+        """
+        inverse = {"plane": weights.plane, "z": weights.z, "yaw": weights.yaw}
+        cx = {name: inverse[name] @ x for name, x in nuisance.items()}
+        cr = {name: inverse[name] @ r for name, r in residual.items()}
         m_inverse = np.linalg.inv(m)
-        beta = m_inverse @ sum(cx[name].transpose(0, 2, 1) @ r[name] for name in x)
-        u = {name: cr[name] - cx[name] @ beta for name in x}
-        likelihood -= 0.5 * float(
-            (weights.log_det + np.linalg.slogdet(m)[1] + sum((r[k] * u[k]).sum((1, 2)) for k in x)).sum()
-        )
+        beta = m_inverse @ sum(cx[name].transpose(0, 2, 1) @ r for name, r in residual.items())
+        u = {name: cr[name] - cx[name] @ beta for name in cx}
+        quadratic = sum((residual[name] * u[name]).sum(axis=(1, 2)) for name in cx)
+        self.likelihood -= 0.5 * float((weights.log_det + np.linalg.slogdet(m)[1] + quadratic).sum())
         bu = [_dot(part, u[part.block]) for part in weights.parts]
-        pbu = []
+        projected: list[dict[str, Array]] = []
         for part, v in zip(weights.parts, bu, strict=True):
-            name = part.block
-            through = m_inverse @ (cx[name].transpose(0, 2, 1) @ v)
-            pbu.append({k: (inverse[k] @ v if k == name else 0.0) - cx[k] @ through for k in x})
+            through = m_inverse @ (cx[part.block].transpose(0, 2, 1) @ v)
+            rows = {name: -(cx[name] @ through) for name in cx}
+            rows[part.block] += inverse[part.block] @ v
+            projected.append(rows)
         for i, part in enumerate(weights.parts):
-            name = part.block
-            if part.matrix.ndim == 2:
-                trace = (np.diagonal(inverse[name], axis1=1, axis2=2) * part.matrix).sum()
-            else:
-                trace = np.vdot(inverse[name], part.matrix)
-            trace -= np.einsum("wij,wji->", m_inverse, cx[name].transpose(0, 2, 1) @ _dot(part, cx[name]))
-            score[PART_OF[i]] += 0.5 * (np.vdot(u[name], bu[i]) - trace)
+            through = cx[part.block].transpose(0, 2, 1) @ _dot(part, cx[part.block])
+            trace = _trace(inverse[part.block], part.matrix) - np.einsum("wij,wji->", m_inverse, through)
+            self._score[PART_OF[i]] += 0.5 * (np.vdot(u[part.block], bu[i]) - trace)
             for j, other in enumerate(weights.parts):
-                information[PART_OF[i], PART_OF[j]] += 0.5 * np.vdot(pbu[i][other.block], bu[j])
-    prior = np.diag(PRIOR_SPREAD**-2.0)
-    covariance = np.linalg.inv(0.5 * (information + information.T) + prior)
-    step = covariance @ (score - prior @ (eta - np.log(PRIOR)))
-    return eta + np.clip(step, -0.7, 0.7), covariance, likelihood
+                self._information[PART_OF[i], PART_OF[j]] += 0.5 * np.vdot(projected[i][other.block], bu[j])
+
+    def step(self, eta: Array) -> tuple[Array, Array]:
+        """Return the next eta and its covariance."""
+        prior = np.diag(PRIOR_SPREAD**-2.0)
+        covariance = np.linalg.inv(0.5 * (self._information + self._information.T) + prior)
+        step = covariance @ (self._score - prior @ (eta - np.log(PRIOR)))
+        return eta + np.clip(step, -0.7, 0.7), covariance
+
+
+def _trace(inverse: Array, matrix: Array) -> float:
+    """Trace of products of symmetric matrices; (w, n) is a diagonal."""
+    if matrix.ndim == 2:
+        return float((np.diagonal(inverse, axis1=1, axis2=2) * matrix).sum())
+    return float(np.vdot(inverse, matrix))

@@ -52,6 +52,8 @@ PARAMETERS = (
     Parameter("thrust_yaw_coupling_per_izz", "rad/m", False, 2.0, "yaw acceleration per vertical acceleration"),
     Parameter("battery_drain", "1/s", False, 0.002, "share of the battery that a second of hover takes"),
     Parameter("battery_droop", "1", False, 0.05, "share of the voltage lost on the way under hover current"),
+    Parameter("servo_backlash", "full stick", False, 0.03, "play between servo and swashplate, end to end"),
+    Parameter("servo_slowness", "s / full stick", False, 0.3, "time that the servo needs for full stick"),
     Parameter("ground_effect", "1", False, 1.0, "strength of the ground effect, 1: Cheeseman and Bennett's"),
 )
 """In the order of the fit's vector."""
@@ -107,6 +109,7 @@ def of_experiment(experiment: Experiment) -> dict[str, float]:
     p = helicopter(experiment)
     effects = by_name(p.effects)
     hub, coupling, battery = (effects.get(kind) for kind in ("hub_drag", "thrust_yaw_coupling", "battery"))
+    servo = effects.get("servo")
     radio, compute = experiment.radio, experiment.compute
     delay = getattr(compute, "latency", 0.0) + 0.5 * getattr(radio, "frame_period", 0.0)
     delay += getattr(radio, "latency", 0.0) + p.delay_steps * p.step
@@ -138,6 +141,8 @@ def of_experiment(experiment: Experiment) -> dict[str, float]:
         if battery
         else 0.0,
         "battery_droop": battery.resistance * battery.hover_current / BATTERY_VOLTAGE_V if battery else 0.0,
+        "servo_backlash": servo.backlash if servo else 0.0,
+        "servo_slowness": 1.0 / servo.slew if servo else 0.0,
         "ground_effect": 1.0 if "ground_effect" in effects else 0.0,
     }
 

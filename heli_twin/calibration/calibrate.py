@@ -1,0 +1,207 @@
+"""From logs to a calibrated helicopter: the fit in stages, its parameters with intervals, what is left out.
+
+Effects that the flights do not show are left out, since each costs the others accuracy: hub drag, thrust-yaw coupling,
+the battery, and the servos' play and speed, which are fitted only if the attitude cannot be explained without them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controllers.signals import Array
+from heli_twin.calibration import noise
+from heli_twin.calibration.data import Flight, flight_of
+from heli_twin.calibration.fit import FIXED, Fit, Problem, fit
+from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, POSITIVE, SPREAD, lab_of, of_experiment, vector
+from heli_twin.calibration.structure import Structure, structure
+from heli_twin.errors import HeliTwinError
+from heli_twin.experiment import Experiment
+from heli_twin.recording import Log
+
+EFFECTS = {
+    "hub_drag": ("hub_drag_per_iyy",),
+    "thrust_yaw_coupling": ("thrust_yaw_coupling_per_izz",),
+    "battery": ("battery_drain", "battery_droop"),
+    "servo": ("servo_backlash", "servo_slowness"),
+    "ground_effect": ("ground_effect",),
+}
+"""Parameters of each plant effect."""
+SHOWN = 16.0
+"""Least squared distance from zero, in standard deviations, of an effect that is kept."""
+Z_95 = 1.959964
+TOLD = 0.5
+"""A parameter is told if its standard deviation is below this share of the prior's."""
+SERVO_SUSPECT = 1.5
+"""Correlation of the attitude's residual with the commands from which on the servos are looked at."""
+
+
+class CalibrationError(HeliTwinError):
+    """The logs cannot calibrate a twin; the message says why in one sentence."""
+
+
+class Known(NamedTuple):
+    """What is known of one parameter."""
+
+    value: float
+    low: float
+    """Lower end of the 95 % interval."""
+    high: float
+    told: bool
+    """False where the prior speaks."""
+    unit: str
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A helicopter, as its flights tell it."""
+
+    base: Experiment
+    """The helicopter that was believed before: form and prior."""
+    fit: Fit
+    first: Fit
+    """The fit with all effects."""
+    kept: tuple[str, ...]
+    """Effects that the flights show."""
+    structure: Structure
+    mass: float
+    """kg, as weighed or believed."""
+    logs: tuple[str, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Length of all windows."""
+        return sum(flight.seconds for flight in self.fit.problem.flights)
+
+    @property
+    def parameters(self) -> dict[str, Known]:
+        """What is known of every parameter, by name."""
+        known = {}
+        for i, p in enumerate(PARAMETERS):
+            # An effect that was left out: what the fit with all of them said.
+            source = self.fit if self.fit.problem.spread[i] > FIXED else self.first
+            if source.problem.spread[i] <= FIXED:
+                continue
+            mean, deviation = float(source.state.theta[i]), float(source.deviation[i])
+            ends = np.array([mean, mean - Z_95 * deviation, mean + Z_95 * deviation])
+            value, low, high = (np.exp(ends) if POSITIVE[i] else ends).tolist()
+            known[p.name] = Known(value, low, high, deviation < TOLD * SPREAD[i], p.unit)
+        for name, unit in (("gust_strength", "m/s"), ("gust_time", "s")):
+            i = noise.COMPONENTS.index(name)
+            mean, deviation = float(self.fit.state.eta[i]), float(np.sqrt(self.fit.eta_covariance[i, i]))
+            value, low, high = np.exp([mean, mean - Z_95 * deviation, mean + Z_95 * deviation]).tolist()
+            known[name] = Known(value, low, high, deviation < TOLD * float(noise.PRIOR_SPREAD[i]), unit)
+        return known
+
+    def as_json(self) -> dict[str, Any]:
+        """The result as `heli-twin calibrate --json` prints it."""
+        eta = np.exp(self.fit.state.eta)
+        return {
+            "parameters": {
+                name: {"value": k.value, "interval": [k.low, k.high], "told": k.told, "unit": k.unit}
+                for name, k in self.parameters.items()
+            },
+            "effects": {name: name in self.kept for name in EFFECTS},
+            "noise": dict(zip(noise.COMPONENTS, eta.tolist(), strict=True)),
+            "structure": {
+                "memory": self.structure.memory,
+                "correlation": self.structure.correlation,
+                "variance": self.structure.variance,
+            },
+            "mass": self.mass,
+            "last_step": self.fit.last_step,
+            "iterations": self.fit.iterations,
+            "seconds": self.seconds,
+            "logs": list(self.logs),
+        }
+
+
+def flights_of(logs: Sequence[tuple[str, Log, int | None]], base: Experiment) -> list[Flight]:
+    """Return logs as flights that can be fitted.
+
+    Args:
+        logs: Name, log, and the seed of a flight of the twin.
+        base: Says what is known of the radio.
+
+    Raises:
+        CalibrationError: A log has no usable window, lacks an input, or two have the same gusts.
+    """
+    lab = lab_of(base)
+    flights: list[Flight] = []
+    for name, log, seed in logs:
+        if len(log.sent.time) and not np.isfinite(log.sent.u).all():
+            raise CalibrationError(
+                f"{name} lacks a sent command: a calibration needs all four inputs; import the recording with them"
+                " (`heli-twin import --help`)"
+            )
+        flight = flight_of(log, name, lab, seed)
+        if flight is None:
+            raise CalibrationError(
+                f"{name} has no usable flight: it takes windows of 2 s with poses and sent commands, above 0.2 m;"
+                " `heli-twin calibrate` without a log flies what is needed"
+            )
+        flights.append(flight)
+    seeds: dict[int, str] = {}
+    for flight in flights:
+        if flight.seed is not None and flight.seed in seeds:
+            raise CalibrationError(
+                f"{seeds[flight.seed]} and {flight.name} were flown with the same seed, {flight.seed}: their gusts are"
+                f" the same and would count twice; fly one with another, such as seed={flight.seed + 1}"
+            )
+        if flight.seed is not None:
+            seeds[flight.seed] = flight.name
+    return flights
+
+
+def calibrate(
+    flights: Sequence[Flight], base: Experiment, *, mass: float | None = None, progress: Callable[[], None] = lambda: None
+) -> Calibrated:
+    """Fit the twin to flights.
+
+    Args:
+        flights: From `flights_of`.
+        base: The helicopter that is believed, whose parameters are the prior's mean.
+        mass: As weighed, kg; None for that of `base`.
+        progress: Called after every iteration.
+
+    Raises:
+        CalibrationError: The logs cannot calibrate a twin.
+    """
+    believed = of_experiment(base)
+    prior = vector(np.array([believed[name] for name in NAMES]))
+    for names in EFFECTS.values():
+        prior[[INDEX[name] for name in names]] = 0.0
+    spread = SPREAD.copy()
+    _hold(spread, "servo")
+    first = fit(Problem(flights, lab_of(base), prior, spread), None, progress)
+    form = structure(first)
+    if max(form.correlation["pitch"], form.correlation["roll"]) > SERVO_SUSPECT:
+        begin = first.state._replace(theta=first.problem.started(first.state.theta, SPREAD))
+        first = fit(Problem(flights, lab_of(base), prior, SPREAD.copy()), begin, progress)
+    kept = tuple(name for name in EFFECTS if _is_shown(first, name))
+    spread = first.problem.spread.copy()
+    theta = first.state.theta.copy()
+    for name in EFFECTS:
+        if name not in kept:
+            _hold(spread, name)
+            theta[[INDEX[p] for p in EFFECTS[name]]] = 0.0
+    final = fit(Problem(flights, lab_of(base), prior, spread), first.state._replace(theta=theta), progress)
+    weighed = mass if mass is not None else getattr(base.plant, "mass", 0.028)
+    return Calibrated(base, final, first, kept, structure(final), weighed, tuple(f.name for f in flights))
+
+
+def _hold(spread: Array, effect: str) -> None:
+    spread[[INDEX[name] for name in EFFECTS[effect]]] = 0.1 * FIXED
+
+
+def _is_shown(fitted: Fit, effect: str) -> bool:
+    """Whether the data alone put an effect's parameters far from zero."""
+    i = [INDEX[name] for name in EFFECTS[effect]]
+    if fitted.problem.spread[i[0]] <= FIXED:
+        return False
+    wide = np.maximum(np.diag(fitted.covariance), np.diag(fitted.sandwich))[i]
+    scale = np.sqrt(wide / np.diag(fitted.covariance)[i])
+    covariance = fitted.covariance[np.ix_(i, i)] * np.outer(scale, scale)
+    theta = fitted.state.theta[i]
+    return float(theta @ np.linalg.solve(covariance, theta)) > SHOWN

@@ -1,0 +1,107 @@
+"""The structure test: do the whitened residuals say that the form of the twin is wrong?
+
+If twin and covariance are right, the residuals of a window, whitened in the order of time, are independent of their past
+(Ljung and Box) and of every command up to their time. What is left over says where the form is wrong.
+
+Source: Ljung and Box, Biometrika 65 (1978); Ljung, System Identification, 2nd ed., chapter 16.4 (residual analysis).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from controllers.signals import Array
+from heli_twin.calibration import noise
+from heli_twin.calibration.data import BIN_STEPS, BINS, CHANNELS, STEP_S
+from heli_twin.calibration.fit import Fit
+
+SKIPPED_BINS = 15
+"""Bins after the start of a window, in which its fitted first state hides the residual."""
+LAGS = 20
+"""Of the residual, in bins, and of the commands: 0.4 s."""
+LEVEL = 0.95
+WORST_MEMORY, WORST_CORRELATION = 6.0, 3.0
+"""Largest statistic of a right twin, in units of its 95 % value."""
+
+
+class Structure(NamedTuple):
+    """The statistics of each channel, each divided by its 95 % value for white residuals."""
+
+    memory: dict[str, float]
+    """Ljung and Box's, over lags up to 0.4 s."""
+    correlation: dict[str, float]
+    """Joint regression on the commands of the last 0.4 s."""
+    variance: dict[str, float]
+    """Of the whitened residuals; 1 for a right covariance."""
+    curves: dict[str, Array]
+    """(LAGS + 1,) autocorrelation of each channel."""
+
+    @property
+    def worst(self) -> tuple[str, str, float]:
+        """Channel, statistic and its ratio to the limit for the statistic that is furthest beyond it."""
+        ratios = [(c, "memory", v / WORST_MEMORY) for c, v in self.memory.items()]
+        ratios += [(c, "correlation", v / WORST_CORRELATION) for c, v in self.correlation.items()]
+        return max(ratios, key=lambda row: row[2])
+
+
+def whitened(fit: Fit) -> Array:
+    """Return the residuals (w, BINS, 6), each made independent of those before it; NaN where there is no pose."""
+    problem = fit.problem
+    out = np.full_like(fit.residual, np.nan)
+    rows = fit.residual[..., None]
+    for weights in noise.weighted(fit.air, fit.state.eta, with_parts=False):
+        k = weights.windows
+        for name, (inverse, part) in noise.blocks(weights, rows).items():
+            channels = {"plane": noise.PLANE, "z": (2,), "yaw": (3,)}[name]
+            n = len(channels)
+            order = np.arange(n * BINS).reshape(n, BINS).T.ravel()
+            white = _white(inverse[:, order][:, :, order], part[:, order, 0])
+            out[k][:, :, channels] = white.reshape(-1, BINS, n)
+    out[~problem.present] = np.nan
+    return out
+
+
+def _white(inverse: Array, rows: Array) -> Array:
+    """U rows with U lower triangular and U' U the inverse covariance."""
+    upper = np.linalg.cholesky(inverse[:, ::-1, ::-1])[:, ::-1, ::-1]
+    return (upper.transpose(0, 2, 1) @ rows[..., None])[..., 0]
+
+
+def structure(fit: Fit) -> Structure:
+    """Return the statistics of the whitened residuals of a fit."""
+    e = whitened(fit)[:, SKIPPED_BINS:]
+    inputs = _inputs(fit)
+    memory, correlation, variance, curves = {}, {}, {}, {}
+    for i, channel in enumerate(CHANNELS):
+        values = e[..., i] - np.nanmean(e[..., i])
+        variance[channel] = float(np.nanvar(values))
+        scaled = np.nan_to_num(values / np.sqrt(variance[channel]))
+        n = int(np.isfinite(values).sum())
+        curve = np.array([(scaled[:, lag:] * scaled[:, : BINS - SKIPPED_BINS - lag]).sum() / n for lag in range(LAGS + 1)])
+        pairs = np.array([n * (1.0 - lag / (BINS - SKIPPED_BINS)) for lag in range(1, LAGS + 1)])
+        # The correlation of a lag has a variance of pairs / n^2.
+        memory[channel] = float((curve[1:] ** 2 * n * n / pairs).sum() / chi2.ppf(LEVEL, LAGS))
+        curves[channel] = curve
+        correlation[channel] = _explained(scaled[np.isfinite(values)], inputs[np.isfinite(values)])
+    return Structure(memory, correlation, variance, curves)
+
+
+def _explained(values: Array, inputs: Array) -> float:
+    """Joint regression of values (n,) with variance 1 on inputs (n, m), by its 95 % value."""
+    x = inputs - inputs.mean(axis=0)
+    u, s, _ = np.linalg.svd(x, full_matrices=False)
+    u = u[:, s > 1e-3 * s[0]]
+    return float(((u.T @ values) ** 2).sum() / chi2.ppf(LEVEL, u.shape[1]))
+
+
+def _inputs(fit: Fit) -> Array:
+    """The commands (w, bins, 4 * lags) of the last 0.4 s before each bin that is tested."""
+    rows: list[Array] = []
+    lags = np.arange(0, LAGS + 1, 2)
+    for flight in fit.problem.flights:
+        middle = STEP_S * BIN_STEPS * (np.arange(SKIPPED_BINS, BINS) + 0.5)
+        t = flight.origin + STEP_S * flight.windows.first[:, None] + middle
+        u = flight.sent.held(t[..., None] - BIN_STEPS * STEP_S * lags)
+        rows.append(u.reshape(*t.shape, -1))
+    return np.concatenate(rows)
