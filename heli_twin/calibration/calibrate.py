@@ -13,7 +13,7 @@ import numpy as np
 from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.data import Flight, flight_of
-from heli_twin.calibration.fit import FIXED, Fit, Problem, fit
+from heli_twin.calibration.fit import FIXED, Fit, Problem, fit, framed
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, POSITIVE, SPREAD, lab_of, of_experiment, vector
 from heli_twin.calibration.structure import Structure, structure
 from heli_twin.errors import HeliTwinError
@@ -86,12 +86,12 @@ class Calibrated:
             mean, deviation = float(source.state.theta[i]), float(source.deviation[i])
             ends = np.array([mean, mean - Z_95 * deviation, mean + Z_95 * deviation])
             value, low, high = (np.exp(ends) if POSITIVE[i] else ends).tolist()
-            known[p.name] = Known(value, low, high, deviation < TOLD * SPREAD[i], p.unit)
+            known[p.name] = Known(value, low, high, bool(deviation < TOLD * SPREAD[i]), p.unit)
         for name, unit in (("gust_strength", "m/s"), ("gust_time", "s")):
             i = noise.COMPONENTS.index(name)
             mean, deviation = float(self.fit.state.eta[i]), float(np.sqrt(self.fit.eta_covariance[i, i]))
             value, low, high = np.exp([mean, mean - Z_95 * deviation, mean + Z_95 * deviation]).tolist()
-            known[name] = Known(value, low, high, deviation < TOLD * float(noise.PRIOR_SPREAD[i]), unit)
+            known[name] = Known(value, low, high, bool(deviation < TOLD * noise.PRIOR_SPREAD[i]), unit)
         return known
 
     def as_json(self) -> dict[str, Any]:
@@ -155,7 +155,11 @@ def flights_of(logs: Sequence[tuple[str, Log, int | None]], base: Experiment) ->
 
 
 def calibrate(
-    flights: Sequence[Flight], base: Experiment, *, mass: float | None = None, progress: Callable[[], None] = lambda: None
+    flights: Sequence[Flight],
+    base: Experiment,
+    *,
+    mass: float | None = None,
+    progress: Callable[[], None] = lambda: None,
 ) -> Calibrated:
     """Fit the twin to flights.
 
@@ -173,25 +177,28 @@ def calibrate(
     for names in EFFECTS.values():
         prior[[INDEX[name] for name in names]] = 0.0
     spread = SPREAD.copy()
-    _hold(spread, "servo")
-    first = fit(Problem(flights, lab_of(base), prior, spread), None, progress)
+    hold(spread, "servo")
+    problem = Problem(flights, lab_of(base), prior, spread)
+    blind = fit(problem, None, progress, enough=1.0)
+    first = fit(problem, framed(problem, blind), progress, enough=0.5)
     form = structure(first)
     if max(form.correlation["pitch"], form.correlation["roll"]) > SERVO_SUSPECT:
-        begin = first.state._replace(theta=first.problem.started(first.state.theta, SPREAD))
-        first = fit(Problem(flights, lab_of(base), prior, SPREAD.copy()), begin, progress)
+        problem = Problem(flights, lab_of(base), prior, SPREAD.copy())
+        begin = first.state._replace(theta=problem.started(first.state.theta, SPREAD))
+        first = fit(problem, begin, progress, enough=0.3)
     kept = tuple(name for name in EFFECTS if _is_shown(first, name))
-    spread = first.problem.spread.copy()
-    theta = first.state.theta.copy()
+    spread, theta = first.problem.spread.copy(), first.state.theta.copy()
     for name in EFFECTS:
         if name not in kept:
-            _hold(spread, name)
+            hold(spread, name)
             theta[[INDEX[p] for p in EFFECTS[name]]] = 0.0
     final = fit(Problem(flights, lab_of(base), prior, spread), first.state._replace(theta=theta), progress)
     weighed = mass if mass is not None else getattr(base.plant, "mass", 0.028)
     return Calibrated(base, final, first, kept, structure(final), weighed, tuple(f.name for f in flights))
 
 
-def _hold(spread: Array, effect: str) -> None:
+def hold(spread: Array, effect: str) -> None:
+    """Hold the parameters of an effect where the prior has them, in place."""
     spread[[INDEX[name] for name in EFFECTS[effect]]] = 0.1 * FIXED
 
 

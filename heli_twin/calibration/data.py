@@ -60,52 +60,81 @@ class Flight(NamedTuple):
         return len(self.windows.first) * WINDOW_STEPS * STEP_S
 
 
+class Held:
+    """Inputs that are each held until the next, and their integrals."""
+
+    def __init__(self, t: Array, u: Array) -> None:
+        # A second of the first command before, a minute of the last one behind.
+        self.t, self.u = np.concatenate([[t[0] - 1.0], t[1:], [t[-1] + 60.0]]), u
+        held = np.diff(self.t)[:, None]
+        self.once = np.vstack([np.zeros(4), np.cumsum(u * held, axis=0)])
+        self.twice = np.vstack([np.zeros(4), np.cumsum(self.once[:-1] * held + 0.5 * u * held**2, axis=0)])
+
+    def at(self, t: Array) -> Array:
+        """Return the inputs (..., 4) at times (...), s."""
+        return self.u[self._place(t)]
+
+    def integral(self, t: Array) -> Array:
+        """Return the integral (n, 4) up to ascending times (n,)."""
+        i = self._place(t)
+        return self.once[i] + self.u[i] * (t - self.t[i])[:, None]
+
+    def double_integral(self, t: Array) -> Array:
+        """Return the integral (n, 4) of the integral."""
+        i = self._place(t)
+        since = (t - self.t[i])[:, None]
+        return self.twice[i] + self.once[i] * since + 0.5 * self.u[i] * since**2
+
+    def _place(self, t: Array) -> NDArray[np.int64]:
+        return np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.u) - 1)
+
+
 class Sent:
-    """The sent commands as the radio rounds them, each held until the next, and their integrals."""
+    """The sent commands as the radio rounds them, and the inputs that they become at the helicopter."""
 
     def __init__(self, log: Log, lab: Lab) -> None:
         u = np.clip(log.sent.u, (-1.0, -1.0, 0.0, -1.0), 1.0)
         if lab.levels:
             u = np.round(u * (0.5 * lab.levels)) / (0.5 * lab.levels)
-        t = 1e-9 * log.sent.time.astype(np.float64)
-        self.u, self._frame = u, lab.frame_period
-        # A second of the first command before, a minute of the last one behind.
-        self._t = np.concatenate([[t[0] - 1.0], t[1:], [t[-1] + 60.0]])
-        held = np.diff(self._t)[:, None]
-        self._once = np.vstack([np.zeros(4), np.cumsum(u * held, axis=0)])
-        self._twice = np.vstack([np.zeros(4), np.cumsum(self._once[:-1] * held + 0.5 * u * held**2, axis=0)])
+        self.t, self.u = 1e-9 * log.sent.time.astype(np.float64), u
+        self.frame, self._jitter = lab.frame_period, lab.jitter
+        self.held = Held(self.t, u)
 
-    def acting(self, delay: float, t: Array) -> Array:
+    def acting(self, delay: float, t: Array, phase: float | None = None) -> Array:
         """Return the mean input (n, 4) over each step that begins at one of `t` (n,), s, on a grid of `STEP_S`.
 
-        A command waits for the next frame of the radio: on the average over the time between two, it is moved by half
-        of it and smoothed over it.
+        A command waits for the next frame of the radio. Where the frames are unknown, it is moved by half the time
+        between two, and smoothed over it.
 
         Args:
             delay: Of the whole way, with the mean wait, s.
             t: Ascending, `STEP_S` apart.
+            phase: When the input of one of the frames acts, s; None if it is unknown.
         """
-        edges = np.append(t, t[-1] + STEP_S) - delay + 0.5 * self._frame
-        if not self._frame:
-            return np.diff(self._integral(edges, self._once, None), axis=0) / STEP_S
-        late = self._integral(edges - self._frame, self._once, self._twice)
-        return np.diff(self._integral(edges, self._once, self._twice) - late, axis=0) / (STEP_S * self._frame)
+        edges = np.append(t, t[-1] + STEP_S)
+        least = delay - 0.5 * self.frame
+        if not self.frame:
+            return np.diff(self.held.integral(edges - least), axis=0) / STEP_S
+        if phase is not None:
+            return np.diff(self.frames(least, edges, phase).integral(edges), axis=0) / STEP_S
+        late = self.held.double_integral(edges - least - self.frame)
+        return np.diff(self.held.double_integral(edges - least) - late, axis=0) / (STEP_S * self.frame)
 
-    def held(self, t: Array) -> Array:
-        """Return the commands (..., 4) that were sent last at times (...), s."""
-        return self.u[np.clip(np.searchsorted(self._t, t, side="right") - 1, 0, len(self.u) - 1)]
+    def frames(self, least: float, t: Array, phase: float) -> Held:
+        """Return the inputs that the frames bring; a command within the jitter of a frame counts by its probability.
 
-    @property
-    def frame(self) -> float:
-        """Time between two frames of the radio, s."""
-        return self._frame
-
-    def _integral(self, t: Array, once: Array, twice: Array | None) -> Array:
-        i = np.clip(np.searchsorted(self._t, t, side="right") - 1, 0, len(self.u) - 1)
-        since = (t - self._t[i])[:, None]
-        if twice is None:
-            return once[i] + self.u[i] * since
-        return twice[i] + once[i] * since + 0.5 * self.u[i] * since**2
+        Args:
+            least: Delay of a command that does not wait, s.
+            t: (n,) times between which they are wanted, s.
+            phase: When the input of one of the frames acts, s.
+        """
+        first, last = (np.floor((edge - phase) / self.frame) for edge in (t[0] - 1.0, t[-1]))
+        acts = phase + self.frame * np.arange(first, last + 2)
+        newest = np.clip(np.searchsorted(self.t, acts - least + self._jitter, side="right") - 1, 0, len(self.u) - 1)
+        before = np.maximum(newest - 1, 0)
+        ready = (acts - least - self.t[newest] + self._jitter) / max(2.0 * self._jitter, 1e-9)
+        share = np.clip(ready, 0.0, 1.0)[:, None]
+        return Held(acts, share * self.u[newest] + (1.0 - share) * self.u[before])
 
 
 def flight_of(log: Log, name: str, lab: Lab, seed: int | None) -> Flight | None:

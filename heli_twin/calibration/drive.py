@@ -32,16 +32,30 @@ class Drive(NamedTuple):
     yaw: Array
 
 
-def drives_of(flight: Flight, variants: Sequence[Array]) -> list[Drive]:
+def drives_of(flight: Flight, variants: Sequence[Array], phases: Sequence[float | None]) -> list[Drive]:
     """Return what a flight's commands make the actuators do.
 
     Args:
         flight: With its commands.
-        variants: Some vectors (n,) of the fit; those that differ in the delay alone share the servos' path.
+        variants: Some vectors (n,) of the fit.
+        phases: Of the radio's frames in each; None if they are unknown.
     """
     each = [values(theta) for theta in variants]
-    cyclic = _Servos(flight, each) if max(map(sum, map(_play_of, each))) > 0.0 else None
-    return [_drive(flight, p, cyclic) for p in each]
+    inputs: dict[tuple[float, float | None], Array] = {}
+    t = flight.origin + STEP_S * np.arange(flight.steps)
+    for p, phase in zip(each, phases, strict=True):
+        way = float(p[INDEX["delay"]]) + GRID_S, phase
+        if way not in inputs:
+            inputs[way] = flight.sent.acting(way[0], t, phase)
+    cyclic = _Servos(flight, each, phases) if max(map(sum, map(_play_of, each))) > 0.0 else None
+    return [
+        _drive(inputs[float(p[INDEX["delay"]]) + GRID_S, phase], p, cyclic.swashplate(p, phase) if cyclic else None)
+        for p, phase in zip(each, phases, strict=True)
+    ]
+
+
+GRID_S = 0.5 * STEP_S
+"""The twin takes an input over at the next physics step: half a step later on the average, with any radio."""
 
 
 def _play_of(p: Array) -> tuple[float, float]:
@@ -49,10 +63,8 @@ def _play_of(p: Array) -> tuple[float, float]:
     return max(float(p[INDEX["servo_backlash"]]), 0.0), max(float(p[INDEX["servo_slowness"]]), 0.0)
 
 
-def _drive(flight: Flight, p: Array, servos: "_Servos | None") -> Drive:
-    t = flight.origin + STEP_S * np.arange(flight.steps)
-    u = flight.sent.acting(float(p[INDEX["delay"]]), t)
-    cyclic = u[:, :2] if servos is None else servos.swashplate(p)
+def _drive(u: Array, p: Array, swashplate: Array | None) -> Drive:
+    cyclic = u[:, :2] if swashplate is None else swashplate
     servo, rotor, yaw = (float(p[INDEX[name]]) for name in ("servo_lag", "thrust_lag", "yaw_lag"))
     throttle = _lagged(u[:, 2], rotor)
     gain = float(p[INDEX["thrust_per_mass"]])
@@ -62,30 +74,34 @@ def _drive(flight: Flight, p: Array, servos: "_Servos | None") -> Drive:
 
 
 class _Servos:
-    """The swashplate of one flight, averaged over the unknown phase of the radio's frames.
+    """The swashplate of one flight.
 
-    A servo that moves at limited speed, and a linkage with play, do not follow the average of their inputs: their path
-    is found for each of some phases, and then averaged.
+    A servo that moves at limited speed, and a linkage with play, do not follow the average of their inputs: where the
+    phase of the radio's frames is unknown, their path is found for some, and then averaged.
     """
 
-    def __init__(self, flight: Flight, variants: Sequence[Array]) -> None:
-        self._delay = float(variants[0][INDEX["delay"]])
+    def __init__(self, flight: Flight, variants: Sequence[Array], phases: Sequence[float | None]) -> None:
+        self._delay, self._phase = float(variants[0][INDEX["delay"]]), phases[0]
         self._t = flight.origin + STEP_S * (np.arange(flight.steps) + 0.5)
-        sent = flight.sent
+        sent, least = flight.sent, self._delay + GRID_S - 0.5 * flight.sent.frame
         times = flight.origin + SERVO_STEP_S * np.arange(flight.steps * STEP_S // SERVO_STEP_S + 2)
-        wait = np.zeros((len(times), 1))
-        if sent.frame:
+        if not sent.frame:
+            u = sent.held.at(times[:, None] - least)
+        elif self._phase is not None:
+            u = sent.frames(least, times, self._phase).at(times[:, None])
+        else:
             wait = np.mod(times[:, None] - sent.frame * (np.arange(PHASES) + 0.5) / PHASES, sent.frame)
-        u = sent.held(times[:, None] - (self._delay - 0.5 * sent.frame) - wait)[..., :2]
+            u = sent.held.at(times[:, None] - least - wait)
         self._plays = list(dict.fromkeys(map(_play_of, variants)))
-        self._paths = _swashplates(u, np.array(self._plays))
+        self._paths = _swashplates(u[..., :2], np.array(self._plays))
         self._times = times + 0.5 * SERVO_STEP_S
 
-    def swashplate(self, p: Array) -> Array:
-        """Return its mean path (steps, 2) before the lag; a longer delay moves the whole path."""
+    def swashplate(self, p: Array, phase: float | None) -> Array:
+        """Return its mean path (steps, 2) before the lag; a later frame, or a longer delay, moves the whole path."""
         path = self._paths[:, self._plays.index(_play_of(p))]
-        t = self._t - (float(p[INDEX["delay"]]) - self._delay)
-        return np.column_stack([np.interp(t, self._times, axis) for axis in path.T])
+        framed = self._phase is not None and phase is not None
+        later = phase - self._phase if framed else float(p[INDEX["delay"]]) - self._delay
+        return np.column_stack([np.interp(self._t - later, self._times, axis) for axis in path.T])
 
 
 def _swashplates(u: Array, plays: Array) -> Array:

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
-from heli_twin.calibration.data import BINS, WINDOW_STEPS, Flight
+from heli_twin.calibration.data import WINDOW_STEPS, Flight
 from heli_twin.calibration.drive import drives_of
 from heli_twin.calibration.motion import Lanes, simulate
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
@@ -33,11 +33,12 @@ OF_A_LOG = (
     "marker_y",
     "marker_z",
     "delay_error",
+    "frame_phase",
 )
 """Nuisance of each log: m/s^2 in the world; tilt of the marker body, rad; its place in the body, m; s."""
-LOG_SPREAD = np.array([0.3, 0.3, 0.1] + [0.02] * 3 + [0.01] * 3 + [0.0003])
+LOG_SPREAD = np.array([0.3, 0.3, 0.1] + [0.02] * 3 + [0.01] * 3 + [0.0003, 0.006])
 """Standard deviations of their priors. A flight begins anywhere between two steps of radio and physics."""
-PUSH, TILT, LEVER, LATE = slice(0, 3), slice(3, 6), slice(6, 9), 9
+PUSH, TILT, LEVER, LATE, PHASE = slice(0, 3), slice(3, 6), slice(6, 9), 9, 10
 N_THETA, N_LOG, N_START = len(NAMES), len(OF_A_LOG), 12
 STEPS = {
     "delay": 2e-5,
@@ -52,7 +53,7 @@ STEPS = {
 }
 """Steps of the differences; 1e-4 for the others."""
 START_STEP = np.array([0, 0, 0, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
-PUSH_STEP = 1e-3
+PUSH_STEP, PHASE_STEP = 1e-3, 2e-4
 DRIVEN = (
     "delay",
     "servo_lag",
@@ -67,6 +68,9 @@ DRIVEN = (
 """Parameters that change what the actuators do."""
 FIRST = {"servo_backlash": 0.02, "servo_slowness": 0.3}
 """Where the fit of these begins: at zero they have no slope."""
+PHASES, FRAME_GAIN = 22, 50.0
+"""Phases of the frames that are tried, and the least gain in the weighted square that decides for one: twice the log of
+the number of phases is 6, and the gain is in the hundreds where frames are regular."""
 FIXED = 1e-5
 """Spread of a prior below which a parameter is held."""
 MAX_ITERATIONS = 14
@@ -76,6 +80,8 @@ MAX_STEP = 1.0
 """Largest step, in units of the prior's spread."""
 CONVERGED = 0.1
 """Largest step, in posterior standard deviations, of a fit that has converged."""
+STALE = 0.5
+"""Step, in posterior standard deviations, up to which the derivatives before it are used again."""
 MEMORY_WINDOWS = 2
 """Windows further apart than this are taken as independent by the sandwich."""
 
@@ -91,6 +97,9 @@ class State(NamedTuple):
     """(w, 12)."""
     eta: Array
     """(9,) logarithms of `noise.COMPONENTS`."""
+    framed: tuple[float | None, ...]
+    """For each log when the input of one of the radio's frames acts, to which `frame_phase` is added; None if the wait
+    for a frame is taken as its mean."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +122,8 @@ class Fit:
     """(w, BINS, 6) poses minus prediction, each window's first state fitted; 0 where there is no pose."""
     predicted: Array = field(repr=False)
     """(w, BINS, 6)."""
+    jacobian: Array = field(repr=False)
+    """(w, BINS, 6, N_THETA + N_LOG) derivative of the prediction by theta and the log's nuisance."""
     first: Array = field(repr=False)
     """(w, BINS, 6, 12) derivative by the first state."""
     air: noise.Windage = field(repr=False)
@@ -142,7 +153,13 @@ class Problem:
     def initial(self) -> State:
         """The prior's helicopter, with the first states that the poses suggest."""
         theta = self.started(self.prior, self.spread)
-        return State(theta, np.zeros((len(self.flights), N_LOG)), self.start.copy(), np.log(noise.PRIOR))
+        return State(
+            theta,
+            np.zeros((len(self.flights), N_LOG)),
+            self.start.copy(),
+            np.log(noise.PRIOR),
+            (None,) * len(self.flights),
+        )
 
     @staticmethod
     def started(theta: Array, spread: Array) -> Array:
@@ -154,30 +171,83 @@ class Problem:
 
     def predict(self, state: State) -> Array:
         """Poses (w, BINS, 6) that a state predicts."""
-        return self._measured(self._simulate(state, np.zeros((1, N_THETA)), None)[0], state)
+        return self._measured(self._simulate(state, state.theta[None], [0.0])[0], state)
 
     def linearise(self, state: State) -> tuple[Array, Array, Array]:
         """Predicted poses (w, BINS, 6), and their derivatives by theta and a log's nuisance, and by the first state."""
         steps = np.array([STEPS.get(name, 1e-4) for name in NAMES])
-        out = self._simulate(state, np.vstack([np.zeros(N_THETA), np.diag(steps)]), START_STEP)
+        variants = state.theta + np.vstack([np.zeros(N_THETA), np.diag(steps), np.zeros(N_THETA)])
+        out = self._simulate(state, variants, [0.0] * (1 + N_THETA) + [PHASE_STEP], START_STEP)
+        by_phase = (out[1 + N_THETA] - out[0]) / PHASE_STEP
+        out = np.delete(out, 1 + N_THETA, axis=0)
         n, m = 1 + N_THETA, 1 + N_THETA + N_START - 3
         by_theta = (out[1:n] - out[0]) / steps[:, None, None, None]
         by_start = (out[n:m] - out[0]) / START_STEP[3:, None, None, None]
         by_push = (out[m:] - out[0]) / PUSH_STEP
         by_place = np.zeros((3, *out.shape[1:]))
         by_place[range(3), :, :, range(3)] = 1.0
-        jacobian = np.moveaxis(np.concatenate([by_theta, by_push]), 0, -1)
+        jacobian = np.moveaxis(np.concatenate([by_theta, by_push, by_phase[None]]), 0, -1)
         first = np.moveaxis(np.concatenate([by_place, by_start]), 0, -1)
         h, lever = out[0], state.nuisance[self.log_of][:, LEVER]
         turned = _lever_turned(h, lever)
         for columns in (jacobian, first):
             columns[..., :3, :] += np.einsum("wbij,wbjc->wbic", turned, columns[..., 3:, :])
         of_log = np.concatenate(
-            [jacobian[..., N_THETA:], _by_tilt(h), _by_lever(h), jacobian[..., [INDEX["delay"]]]], axis=-1
+            [
+                jacobian[..., N_THETA:-1],
+                _by_tilt(h),
+                _by_lever(h),
+                jacobian[..., [INDEX["delay"]]],
+                jacobian[..., -1:],
+            ],
+            axis=-1,
         )
         seen = self.present[:, :, None, None]
         jacobian = np.concatenate([jacobian[..., :N_THETA], of_log], axis=-1) * seen
         return self._measured(h, state), jacobian, first * seen
+
+    def framed(self, fitted: "Fit") -> State:
+        """Return the state of a fit with the frames of each log's radio where they explain its poses best, if any do.
+
+        Frames a millisecond apart are tried. The misfit is the weighted square of the residual, with everything else
+        fitted anew in one linear step. A log whose frames explain nothing keeps the mean wait for a frame.
+        """
+        if not self.lab.frame_period:
+            return fitted.state
+        phases = self.lab.frame_period * np.arange(PHASES) / PHASES
+        nuisance = fitted.state.nuisance.copy()
+        nuisance[:, PHASE] = 0.0
+        state = fitted.state._replace(nuisance=nuisance, framed=(0.0,) * len(self.flights))
+        unframed = state._replace(framed=(None,) * len(self.flights))
+        variants = np.broadcast_to(state.theta, (PHASES, N_THETA))
+        predicted = [
+            *self._simulate(state, variants, phases.tolist()),
+            self._simulate(unframed, variants[:1], [0.0])[0],
+        ]
+        misfit = self._misfit(fitted, np.stack([self.residual(self._measured(h, state)) for h in predicted], axis=-1))
+        best = np.argmin(misfit[:, :PHASES], axis=1)
+        gains = misfit[:, PHASES] - misfit[np.arange(len(best)), best]
+        framed = [float(phases[i]) if gain > FRAME_GAIN else None for i, gain in zip(best, gains, strict=True)]
+        return state._replace(framed=tuple(framed))
+
+    def _misfit(self, fitted: "Fit", residuals: Array) -> Array:
+        """Weighted squares (logs, c) of residuals (w, BINS, 6, c), with parameters and first states fitted to each."""
+        c, n = residuals.shape[-1], N_THETA + N_LOG
+        rows = np.concatenate([residuals, fitted.jacobian, fitted.first], axis=-1)
+        gram = np.zeros((len(rows), rows.shape[-1], rows.shape[-1]))
+        for weights in noise.weighted(fitted.air, fitted.state.eta, with_parts=False):
+            for matrix, part in noise.blocks(weights, rows).values():
+                gram[weights.windows] += part.transpose(0, 2, 1) @ (matrix @ part)
+        k = c + n
+        back = np.linalg.solve(gram[:, k:, k:] + 1e-9 * np.eye(N_START), gram[:, k:, :k])
+        local = gram[:, :k, :k] - gram[:, :k, k:] @ back
+        spread = np.concatenate([self.spread, LOG_SPREAD])
+        out = np.zeros((len(self.flights), c))
+        for log in range(len(self.flights)):
+            of_log = local[self.log_of == log].sum(axis=0)
+            fitted_away = np.linalg.solve(of_log[c:, c:] + np.diag(spread**-2.0), of_log[c:, :c])
+            out[log] = np.diag(of_log[:c, :c] - of_log[:c, c:] @ fitted_away)
+        return out
 
     def residual(self, predicted: Array) -> Array:
         """Poses minus prediction; 0 where there is no pose."""
@@ -189,13 +259,22 @@ class Problem:
         out[..., :3] += np.einsum("wbic,wc->wbi", _by_lever(h)[..., :3, :], nuisance[:, LEVER])
         return out
 
-    def _simulate(self, state: State, theta_steps: Array, start_steps: Array | None) -> Array:
-        """Simulated poses (p, w, BINS, 6): a variant for each row of `theta_steps`, then first states, then pushes."""
-        variants = theta_steps + state.theta
+    def _simulate(
+        self, state: State, variants: Array, later: Sequence[float], start_steps: Array | None = None
+    ) -> Array:
+        """Simulated poses (p, w, BINS, 6) of variants (p, n), with `later` frames (p,), s.
+
+        With `start_steps` (12,) the first state is varied too, and after it the push; the variants are then the nominal
+        vector, one for each parameter, and one with later frames.
+        """
         p, w = len(variants), len(self.log_of)
-        driven = [0, *(1 + INDEX[name] for name in DRIVEN)] if p > 1 else [0]
-        which = np.zeros(p, np.int64)
-        which[driven] = np.arange(len(driven))
+        which = np.arange(p)
+        if start_steps is not None:
+            # Most parameters move the helicopter under the same drive.
+            driven = [0, *(1 + INDEX[name] for name in DRIVEN), p - 1]
+            which = np.zeros(p, np.int64)
+            which[driven] = np.arange(len(driven))
+        drive = self._drives(state, *zip(*[(variants[i], later[i]) for i in _firsts(which)], strict=True))
         push = np.broadcast_to(state.nuisance[self.log_of][:, PUSH], (p, w, 3))
         start = np.broadcast_to(state.start, (p, w, N_START))
         if start_steps is not None:
@@ -207,22 +286,27 @@ class Problem:
                 start[p + i - 3, :, i] += start_steps[i]
             for i in range(3):
                 push[p + N_START - 3 + i, :, i] += PUSH_STEP
-        drive = self._drives(state, [variants[i] for i in driven])
-        lanes = Lanes(variants, start, push, drive, which)
-        return simulate(lanes, self.weights, self.early, self.lab)
+        return simulate(Lanes(variants, start, push, drive, which), self.weights, self.early, self.lab)
 
-    def _drives(self, state: State, variants: Sequence[Array]) -> Array:
+    def _drives(self, state: State, variants: Sequence[Array], later: Sequence[float]) -> Array:
         out = np.empty((WINDOW_STEPS, len(variants), 4, len(self.log_of)))
         at = 0
         for i, flight in enumerate(self.flights):
             rows = flight.windows.first[None, :] + np.arange(WINDOW_STEPS)[:, None]
             count = rows.shape[1]
             late = [theta + state.nuisance[i, LATE] * (np.arange(N_THETA) == INDEX["delay"]) for theta in variants]
-            for j, drive in enumerate(drives_of(flight, late)):
+            framed = state.framed[i]
+            phases = [None if framed is None else framed + state.nuisance[i, PHASE] + more for more in later]
+            for j, drive in enumerate(drives_of(flight, late, phases)):
                 for k, channel in enumerate(drive):
                     out[:, j, k, at : at + count] = channel[rows]
             at += count
         return out
+
+
+def _firsts(which: Array) -> list[int]:
+    """The first variant that uses each drive."""
+    return [int(np.argmax(which == drive)) for drive in range(int(which.max()) + 1)]
 
 
 def _filled(values: Array, seen: Array) -> Array:
@@ -261,6 +345,12 @@ def _lever_turned(h: Array, lever: Array) -> Array:
     return out
 
 
+def framed(problem: Problem, fitted: Fit) -> State:
+    """Return the state of a fit with the frames of the radio, as `Problem.framed` finds them."""
+    with threadpool_limits(limits=1):
+        return problem.framed(fitted)
+
+
 class Normal(NamedTuple):
     """The linearised problem after the projection of the first states."""
 
@@ -282,7 +372,7 @@ def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Nor
         problem: The flights.
         air: The responses to wind and torque.
         eta: (9,) logarithms of `noise.COMPONENTS`.
-        rows: (w, BINS, 6, .) derivatives by theta and a log's nuisance, the residual, and derivatives by the first state.
+        rows: (w, BINS, 6, .) derivatives by theta and a log's nuisance, the residual, derivatives by the first state.
     """
     w, n = len(problem.log_of), N_THETA + N_LOG
     gram, reml = np.zeros((w, n + 1 + N_START, n + 1 + N_START)), noise.Reml()
@@ -305,7 +395,9 @@ def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Nor
         scores[i, c] = local[i, :n, n]
 
     def to_start(step: Array) -> Array:
-        return back[..., n] - np.stack([of_window @ step[c] for of_window, c in zip(back[..., :n], places, strict=True)])
+        return back[..., n] - np.stack(
+            [of_window @ step[c] for of_window, c in zip(back[..., :n], places, strict=True)]
+        )
 
     return Normal(matrix, scores.sum(axis=0), scores, to_start, reml)
 
@@ -315,27 +407,37 @@ def columns(log: int) -> Array:
     return np.concatenate([np.arange(N_THETA), N_THETA + log * N_LOG + np.arange(N_LOG)])
 
 
-def fit(problem: Problem, begin: State | None = None, progress: Callable[[], None] = lambda: None) -> Fit:
+def fit(
+    problem: Problem,
+    begin: State | None = None,
+    progress: Callable[[], None] = lambda: None,
+    enough: float = CONVERGED,
+) -> Fit:
     """Fit the twin to flights.
 
     Args:
         problem: The flights and the prior.
         begin: From an earlier fit of the same flights; None for the prior.
         progress: Called after every iteration.
+        enough: Largest step, in posterior standard deviations, after which it stops.
     """
     # More threads would add numbers in another order.
     with threadpool_limits(limits=1):
-        return _fit(problem, begin, progress)
+        return _fit(problem, begin, progress, enough)
 
 
-def _fit(problem: Problem, begin: State | None, progress: Callable[[], None]) -> Fit:
+def _fit(problem: Problem, begin: State | None, progress: Callable[[], None], enough: float) -> Fit:
     state, logs = begin or problem.initial(), len(problem.flights)
     spread = np.concatenate([problem.spread, np.tile(LOG_SPREAD, logs)])
     precision = np.diag(spread**-2.0)
     blind = 0 if begin else BLIND_ITERATIONS
-    air = None
+    air, last = None, np.inf
     for iteration in range(1, MAX_ITERATIONS + 1):
-        predicted, jacobian, first = problem.linearise(state)
+        if last > STALE:
+            predicted, jacobian, first = problem.linearise(state)
+        else:
+            # The derivatives have hardly changed.
+            predicted = problem.predict(state)
         residual = problem.residual(predicted)
         if air is None or iteration <= blind + 3:
             air = noise.windage(state.theta, problem.yaw, problem.frames)
@@ -347,7 +449,7 @@ def _fit(problem: Problem, begin: State | None, progress: Callable[[], None]) ->
         last = float(np.max(np.abs(step[:N_THETA]) / np.sqrt(np.diag(covariance))[:N_THETA]))
         calm = bool(np.max(np.abs(eta - state.eta) / np.sqrt(np.diag(eta_covariance))) < 1.0)
         progress()
-        if (iteration > blind + 1 and last < CONVERGED and calm) or iteration == MAX_ITERATIONS:
+        if (iteration > blind + 1 and last < enough and calm) or iteration == MAX_ITERATIONS:
             break
         step *= min(1.0, MAX_STEP / float(np.max(np.abs(step[:N_THETA]) / np.maximum(problem.spread, FIXED))))
         theta = state.theta + step[:N_THETA]
@@ -358,6 +460,7 @@ def _fit(problem: Problem, begin: State | None, progress: Callable[[], None]) ->
             state.nuisance + step[N_THETA:].reshape(logs, N_LOG),
             state.start + equations.to_start(step),
             state.eta if iteration <= blind else eta,
+            state.framed,
         )
     sandwich = _sandwich(problem, equations, covariance, precision)
     deviation = np.sqrt(np.maximum(np.diag(covariance), np.diag(sandwich)))[N_THETA:].reshape(logs, N_LOG)
@@ -374,6 +477,7 @@ def _fit(problem: Problem, begin: State | None, progress: Callable[[], None]) ->
         iteration,
         residual - moved,
         predicted + moved,
+        jacobian,
         first,
         air,
     )
@@ -382,7 +486,7 @@ def _fit(problem: Problem, begin: State | None, progress: Callable[[], None]) ->
 def _sandwich(problem: Problem, equations: Normal, covariance: Array, precision: Array) -> Array:
     """The covariance from the scatter of the windows' scores, neighbours included, with the prior's share."""
     scores = equations.scores
-    w, m = scores.shape
+    w = len(scores)
     meat = scores.T @ scores
     for lag in range(1, MEMORY_WINDOWS + 1):
         same = problem.log_of[lag:] == problem.log_of[:-lag]

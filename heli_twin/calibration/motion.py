@@ -1,7 +1,8 @@
 """The twin's equations in NumPy, for many windows and many parameters at once.
 
-They are those of `heli_twin.lab.plant.mujoco` with the effects hub drag, ground effect, thrust-yaw coupling and battery,
-and they are integrated as MuJoCo does: semi-implicit Euler, joint damping implicit. With q = (yaw, pitch, roll), all
+They are those of `heli_twin.lab.plant.mujoco` with the effects hub drag, ground effect, thrust-yaw coupling and
+battery, and they are integrated as MuJoCo does: semi-implicit Euler, joint damping implicit.
+With q = (yaw, pitch, roll), all
 torques divided by Iyy and I = diag(Ixx, Iyy, Izz) / Iyy:
 
     M(q) q'' = J' torque_body + torque_joint - J' (I dJ/dt q' + omega x I omega),   omega = J q',   M = J' I J
@@ -69,7 +70,7 @@ def _split(state: Array) -> tuple[Array, Array]:
     return np.concatenate([state[:3], state[6:9]]), np.concatenate([state[3:6], state[9:]])
 
 
-def _stepper(lanes: Lanes, lab: Lab):  # noqa: C901
+def _stepper(lanes: Lanes, lab: Lab):
     c = {name: values(lanes.theta)[:, i, None] for name, i in INDEX.items()}
     kx, ky, kz = (c[f"drag_{axis}_per_mass"] for axis in "xyz")
     w2 = c["attitude_frequency"] ** 2

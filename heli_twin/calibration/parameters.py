@@ -85,6 +85,8 @@ class Lab:
     """Of the radio, s; 0 without frames."""
     levels: int
     """Of the radio between full stick one way and the other; 0 if it does not round."""
+    jitter: float = 0.001
+    """Greatest difference of the compute time from its mean, s."""
     mast: float = 0.041
     """Middle of the hubs above the centre of gravity, m."""
     iyy_per_mass: float = 3.9e-5 / 0.028
@@ -96,7 +98,8 @@ def lab_of(experiment: Experiment) -> Lab:
     plant = helicopter(experiment)
     frame = float(getattr(experiment.radio, "frame_period", 0.0))
     levels = int(getattr(experiment.radio, "levels", 0))
-    return Lab(frame, levels, iyy_per_mass=plant.inertia_yy / plant.mass)
+    jitter = float(getattr(experiment.compute, "spread", 0.0))
+    return Lab(frame, levels, jitter, iyy_per_mass=plant.inertia_yy / plant.mass)
 
 
 def helicopter(experiment: Experiment) -> MuJoCo:

@@ -1,7 +1,7 @@
 """The structure test: do the whitened residuals say that the form of the twin is wrong?
 
-If twin and covariance are right, the residuals of a window, whitened in the order of time, are independent of their past
-(Ljung and Box) and of every command up to their time. What is left over says where the form is wrong.
+If twin and covariance are right, the residuals of a window, whitened in the order of time, are independent of their
+past (Ljung and Box) and of every command up to their time. What is left over says where the form is wrong.
 
 Source: Ljung and Box, Biometrika 65 (1978); Ljung, System Identification, 2nd ed., chapter 16.4 (residual analysis).
 """
@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
+from threadpoolctl import threadpool_limits
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
@@ -64,12 +65,17 @@ def whitened(fit: Fit) -> Array:
 
 def _white(inverse: Array, rows: Array) -> Array:
     """U rows with U lower triangular and U' U the inverse covariance."""
-    upper = np.linalg.cholesky(inverse[:, ::-1, ::-1])[:, ::-1, ::-1]
-    return (upper.transpose(0, 2, 1) @ rows[..., None])[..., 0]
+    factor = np.linalg.cholesky(np.ascontiguousarray(inverse[:, ::-1, ::-1]))
+    return (factor.transpose(0, 2, 1) @ rows[:, ::-1, None])[:, ::-1, 0]
 
 
 def structure(fit: Fit) -> Structure:
     """Return the statistics of the whitened residuals of a fit."""
+    with threadpool_limits(limits=1):
+        return _structure(fit)
+
+
+def _structure(fit: Fit) -> Structure:
     e = whitened(fit)[:, SKIPPED_BINS:]
     inputs = _inputs(fit)
     memory, correlation, variance, curves = {}, {}, {}, {}
@@ -78,7 +84,9 @@ def structure(fit: Fit) -> Structure:
         variance[channel] = float(np.nanvar(values))
         scaled = np.nan_to_num(values / np.sqrt(variance[channel]))
         n = int(np.isfinite(values).sum())
-        curve = np.array([(scaled[:, lag:] * scaled[:, : BINS - SKIPPED_BINS - lag]).sum() / n for lag in range(LAGS + 1)])
+        curve = np.array(
+            [(scaled[:, lag:] * scaled[:, : BINS - SKIPPED_BINS - lag]).sum() / n for lag in range(LAGS + 1)]
+        )
         pairs = np.array([n * (1.0 - lag / (BINS - SKIPPED_BINS)) for lag in range(1, LAGS + 1)])
         # The correlation of a lag has a variance of pairs / n^2.
         memory[channel] = float((curve[1:] ** 2 * n * n / pairs).sum() / chi2.ppf(LEVEL, LAGS))
@@ -102,6 +110,6 @@ def _inputs(fit: Fit) -> Array:
     for flight in fit.problem.flights:
         middle = STEP_S * BIN_STEPS * (np.arange(SKIPPED_BINS, BINS) + 0.5)
         t = flight.origin + STEP_S * flight.windows.first[:, None] + middle
-        u = flight.sent.held(t[..., None] - BIN_STEPS * STEP_S * lags)
+        u = flight.sent.held.at(t[..., None] - BIN_STEPS * STEP_S * lags)
         rows.append(u.reshape(*t.shape, -1))
     return np.concatenate(rows)

@@ -211,6 +211,8 @@ def _read(source: str) -> tuple[Tree, int]:
         # Python's own sentence about integers of more than 4300 digits is for programmers.
         reason = "an integer has too many digits" if "set_int_max_str_digits" in str(error) else clean(error, 200)
         raise ExperimentError(f"{clean(path, 200)} is not valid TOML: {reason}") from None
+    # The table in which a calibration says what its flights covered.
+    tree.pop("envelope", None)
     version = tree.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
         raise ExperimentError(

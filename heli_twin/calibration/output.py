@@ -1,0 +1,279 @@
+"""The calibrated helicopter as files: TOML for `heli-twin fly`, the posterior, an ensemble as a study.
+
+Truth and belief stay apart: `[plant]` is the helicopter as it is, `[controller.model]` what a controller may believe of
+it. Only ratios are told, so that mass and inertia about the port axis are taken as given.
+"""
+
+import json
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controllers.markers import by_name
+from controllers.model import GRAVITY
+from controllers.signals import Array
+from heli_twin.calibration import noise
+from heli_twin.calibration.calibrate import EFFECTS, Calibrated
+from heli_twin.calibration.data import BIN_STEPS, STEP_S
+from heli_twin.calibration.fit import FIXED
+from heli_twin.calibration.parameters import BATTERY_VOLTAGE_V, NAMES, POSITIVE, SPREAD, helicopter, values
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.tree import physics_line, table_of
+from heli_twin.lab.plant.effects.battery import BatterySpec
+from heli_twin.lab.plant.effects.ground_effect import GroundEffect
+from heli_twin.lab.plant.effects.hub_drag import HubDrag
+from heli_twin.lab.plant.effects.servo import Servo
+from heli_twin.lab.plant.effects.thrust_yaw_coupling import ThrustYawCoupling
+from heli_twin.lab.plant.mujoco import MuJoCo
+
+JOINT_FACTOR = 1.5
+"""The joint 95 % region is that of the model's covariance times this: see `heli_twin.calibration`."""
+DRAWS = 20
+"""Helicopters of an ensemble."""
+LEAST_SLOWNESS = 1e-3
+"""Of a servo whose speed has a limit."""
+
+
+class Twin(NamedTuple):
+    """A helicopter made of parameters, and what of the delay its steps could not hold."""
+
+    plant: MuJoCo
+    compute_latency: float
+    """s."""
+    remainder: float
+    """Delay that is left over, s."""
+
+
+def twin_of(base: Experiment, p: dict[str, float], mass: float, kept: tuple[str, ...]) -> Twin:
+    """Return the helicopter with given parameters.
+
+    Args:
+        base: Inertia about the port axis, radio and compute time are taken from it.
+        p: Parameters by name.
+        mass: kg.
+        kept: Effects that it has.
+    """
+    believed = helicopter(base)
+    iyy = believed.inertia_yy
+    ixx, izz = iyy / p["iyy_per_ixx"], iyy * p["izz_per_iyy"]
+    # No rigid body's inertia exceeds the sum of the others.
+    izz = min(max(izz, abs(iyy - ixx) * 1.0001), (iyy + ixx) * 0.9999)
+    way = getattr(base.compute, "latency", 0.0) + getattr(base.radio, "latency", 0.0)
+    way += 0.5 * getattr(base.radio, "frame_period", 0.0)
+    steps = max(round((p["delay"] - way) / believed.step), 0)
+    compute = float(getattr(base.compute, "latency", 0.0))
+    if p["delay"] < way:
+        compute = max(compute + p["delay"] - way, 0.0)
+    left = p["delay"] - (way - getattr(base.compute, "latency", 0.0) + compute + steps * believed.step)
+    plant = replace(
+        believed,
+        mass=mass,
+        inertia_xx=ixx,
+        inertia_zz=izz,
+        thrust_gain=p["thrust_per_mass"] * mass,
+        pitch_gain=p["pitch_gain"],
+        roll_gain=p["roll_gain"],
+        yaw_gain=p["yaw_gain_per_izz"] * izz,
+        yaw_damping=p["yaw_damping_per_izz"] * izz,
+        drag_x=p["drag_x_per_mass"] * mass,
+        drag_y=p["drag_y_per_mass"] * mass,
+        drag_z=max(p["drag_z_per_mass"], 0.0) * mass,
+        attitude_frequency=p["attitude_frequency"],
+        attitude_damping=max(p["attitude_damping"], 0.1),
+        pitch_trim=p["pitch_trim"],
+        roll_trim=p["roll_trim"],
+        yaw_trim=p["yaw_trim"],
+        servo_lag=p["servo_lag"],
+        thrust_lag=p["thrust_lag"],
+        yaw_lag=p["yaw_lag"],
+        input_delay=steps * believed.step,
+        effects=_effects(believed, p, mass, izz, kept),
+    )
+    return Twin(plant, compute, left)
+
+
+def _effects(believed: MuJoCo, p: dict[str, float], mass: float, izz: float, kept: tuple[str, ...]) -> tuple[Any, ...]:
+    """The effects that the flights show, and those that a calibration does not look at."""
+    old = by_name(believed.effects)
+    effects: list[Any] = [effect for name, effect in old.items() if name not in EFFECTS]
+    if "hub_drag" in kept:
+        effects.append(HubDrag(height=p["hub_drag_per_iyy"] * believed.inertia_yy / mass))
+    if "thrust_yaw_coupling" in kept:
+        effects.append(ThrustYawCoupling(lever=p["thrust_yaw_coupling_per_izz"] * izz / mass))
+    if "battery" in kept:
+        cell = old.get("battery", BatterySpec())
+        capacity = (cell.idle_current + cell.hover_current) / (3600.0 * max(p["battery_drain"], 1e-5))
+        resistance = max(p["battery_droop"], 0.0) * BATTERY_VOLTAGE_V / max(cell.hover_current, 1e-3)
+        effects.append(replace(cell, capacity=min(capacity, 10.0), resistance=min(resistance, 2.0)))
+    if "servo" in kept:
+        slew = 1.0 / max(p["servo_slowness"], LEAST_SLOWNESS)
+        effects.append(Servo(deadband=0.0, slew=slew, backlash=max(p["servo_backlash"], 0.0)))
+    if "ground_effect" in kept or "ground_effect" in old:
+        effects.append(old.get("ground_effect", GroundEffect()))
+    return tuple(effects)
+
+
+def point(calibrated: Calibrated) -> dict[str, float]:
+    """Return the fitted parameters by name; those of effects that were left out are 0."""
+    return dict(zip(NAMES, values(calibrated.fit.state.theta).tolist(), strict=True))
+
+
+def envelope(calibrated: Calibrated) -> dict[str, Any]:
+    """Return what the flights covered, over the bins of all windows.
+
+    Returns:
+        speed (m/s), climb (m/s), yaw_rate (rad/s), tilt (rad): largest; height (m) and stick: lowest and highest;
+        duration (s) of the longest flight.
+    """
+    problem = calibrated.fit.problem
+    y = np.where(problem.present[..., None], problem.y, np.nan)
+    rate = (y[:, 5:] - y[:, :-5]) / (5 * BIN_STEPS * STEP_S)
+    sent = np.concatenate([flight.sent.u for flight in problem.flights])
+    low, high = np.quantile(sent, (0.001, 0.999), axis=0)
+    return {
+        "speed": float(np.nanmax(np.hypot(rate[..., 0], rate[..., 1]))),
+        "climb": float(np.nanmax(np.abs(rate[..., 2]))),
+        "yaw_rate": float(np.nanmax(np.abs(rate[..., 3]))),
+        "tilt": float(np.nanmax(np.hypot(y[..., 4], y[..., 5]))),
+        "height": [float(np.nanmin(y[..., 2])), float(np.nanmax(y[..., 2]))],
+        "stick_low": low.tolist(),
+        "stick_high": high.tolist(),
+        "duration": max(flight.steps * STEP_S for flight in problem.flights),
+    }
+
+
+_FIELDS = {
+    "thrust_gain": "thrust_per_mass",
+    "pitch_gain": "pitch_gain",
+    "roll_gain": "roll_gain",
+    "yaw_gain": "yaw_gain_per_izz",
+    "yaw_damping": "yaw_damping_per_izz",
+    "drag_x": "drag_x_per_mass",
+    "drag_y": "drag_y_per_mass",
+    "drag_z": "drag_z_per_mass",
+    "inertia_xx": "iyy_per_ixx",
+    "inertia_zz": "izz_per_iyy",
+    "input_delay": "delay",
+}
+
+
+def as_toml(calibrated: Calibrated, command: str = "") -> str:
+    """Return a file for `heli-twin fly`: the helicopter, what to believe of it, and where that has been seen.
+
+    Args:
+        calibrated: The result.
+        command: That makes the file again, for a comment.
+    """
+    p, known = point(calibrated), calibrated.parameters
+    twin = twin_of(calibrated.base, p, calibrated.mass, calibrated.kept)
+    lines = [
+        f"# calibrated from {calibrated.seconds:.0f} s of {len(calibrated.logs)} flights; 95 % intervals behind",
+        *([f"# {command}"] if command else []),
+        "# mass is as weighed or believed: the flights tell ratios to it, and to the inertia about the port axis",
+        f"# of the delay, {1e3 * twin.remainder:+.2f} ms are left over: the helicopter delays by whole steps",
+        physics_line(),
+        "",
+        "[plant]",
+    ]
+    told = ", ".join(name for name, k in known.items() if not k.told and name in NAMES)
+    if told:
+        lines.insert(1, f"# not told by these flights, as believed before: {told}")
+    table = table_of(twin.plant)
+    for name, value in table.items():
+        if name == "effects":
+            continue
+        source = _FIELDS.get(name, name)
+        comment = ""
+        if source in known:
+            k = known[source]
+            comment = f"  # {source} {k.low:.5g} to {k.high:.5g} {k.unit}" + ("" if k.told else ", not told")
+        lines.append(f"{name} = {json.dumps(value)}{comment}")
+    lines += ["", "[plant.effects]"]
+    lines += [f'{name} = "off"' for name in (*EFFECTS, "spool_up") if name not in table["effects"]]
+    for name, effect in table["effects"].items():
+        lines += ["", f"[plant.effects.{name}]", *(f"{key} = {json.dumps(v)}" for key, v in effect.items())]
+    lines += ["", "[controller.model]"]
+    for name, (value, source) in _model(p).items():
+        k = known[source]
+        lines.append(f"{name} = {value:.6g}  # {source} {k.low:.5g} to {k.high:.5g} {k.unit}")
+    if hasattr(calibrated.base.compute, "latency"):
+        lines += ["", "[compute]", f"latency = {twin.compute_latency:.6g}"]
+    gust, time = known["gust_strength"], known["gust_time"]
+    lines += ["", "[disturbances.gust]"]
+    lines.append(f"strength = {gust.value:.5g}  # {gust.low:.5g} to {gust.high:.5g} m/s")
+    lines.append(f"time = {time.value:.5g}  # {time.low:.5g} to {time.high:.5g} s")
+    lines += ["", "[envelope]  # what the flights covered; beyond it the twin is a guess"]
+    units = {"speed": "m/s", "climb": "m/s", "yaw_rate": "rad/s", "tilt": "rad", "height": "m", "duration": "s"}
+    for name, value in envelope(calibrated).items():
+        lines.append(f"{name} = {json.dumps(_short(value))}  # {units.get(name, 'full stick')}")
+    return "\n".join(lines) + "\n"
+
+
+def _model(p: dict[str, float]) -> dict[str, tuple[float, str]]:
+    """The paper's parameters (27), and where each comes from."""
+    return {
+        "b_x": (GRAVITY * p["pitch_gain"], "pitch_gain"),
+        "k_x": (-p["drag_x_per_mass"], "drag_x_per_mass"),
+        "b_y": (GRAVITY * p["roll_gain"], "roll_gain"),
+        "k_y": (-p["drag_y_per_mass"], "drag_y_per_mass"),
+        "b_z": (p["thrust_per_mass"], "thrust_per_mass"),
+        "b_yaw": (p["yaw_gain_per_izz"], "yaw_gain_per_izz"),
+        "k_yaw": (-p["yaw_damping_per_izz"], "yaw_damping_per_izz"),
+    }
+
+
+def _short(value: Any) -> Any:
+    return [float(f"{v:.4g}") for v in value] if isinstance(value, list) else float(f"{value:.4g}")
+
+
+def posterior(calibrated: Calibrated) -> dict[str, Any]:
+    """Return the posterior: mean and covariance of the fit's vector, the noise, and how much of it is the prior's."""
+    fit = calibrated.fit
+    free = fit.problem.spread > FIXED
+    share = np.where(free, np.diag(fit.covariance) / fit.problem.spread**2, 1.0)
+    return {
+        "names": list(NAMES),
+        "is_logarithm": POSITIVE.tolist(),
+        "mean": fit.state.theta.tolist(),
+        "covariance": (JOINT_FACTOR * fit.covariance).tolist(),
+        "standard_deviation": fit.deviation.tolist(),
+        "prior_mean": fit.problem.prior.tolist(),
+        "prior_standard_deviation": SPREAD.tolist(),
+        "prior_share": share.tolist(),
+        "noise": dict(zip(noise.COMPONENTS, np.exp(fit.state.eta).tolist(), strict=True)),
+        "joint_factor": JOINT_FACTOR,
+    }
+
+
+def draws(calibrated: Calibrated, count: int = DRAWS, seed: int = 0) -> list[dict[str, float]]:
+    """Return parameters by name of helicopters that the flights do not tell apart, drawn from the posterior."""
+    fit = calibrated.fit
+    root = np.linalg.cholesky(JOINT_FACTOR * fit.covariance + 1e-18 * np.eye(len(NAMES)))
+    normal: Array = np.random.default_rng(seed).standard_normal((count, len(NAMES)))
+    return [dict(zip(NAMES, values(theta).tolist(), strict=True)) for theta in fit.state.theta + normal @ root.T]
+
+
+def ensemble(calibrated: Calibrated, count: int = DRAWS) -> str:
+    """Return a study that flies helicopters drawn from the posterior, embedded by value, with one controller."""
+    lines = [
+        'name = "ensemble"',
+        'question = "How differently do helicopters fly that the calibration flights cannot tell apart?"',
+        "replicates = 3",
+        "",
+        "[base]",
+        'preset = "lab"',
+        "",
+        "[base.controller.model]",
+        *(f"{name} = {value:.6g}" for name, (value, _) in _model(point(calibrated)).items()),
+    ]
+    for i, p in enumerate(draws(calibrated, count), 1):
+        twin = twin_of(calibrated.base, p, calibrated.mass, calibrated.kept)
+        table = table_of(twin.plant)
+        effects = table.pop("effects")
+        lines += ["", f"[alternatives.draw_{i:02d}.plant]"]
+        lines += [f"{name} = {json.dumps(value)}" for name, value in table.items()]
+        for name, effect in effects.items():
+            lines += [f"[alternatives.draw_{i:02d}.plant.effects.{name}]"]
+            lines += [f"{key} = {json.dumps(value)}" for key, value in effect.items()]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,100 @@
+"""A hidden helicopter is found in its flights; what is written flies."""
+
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from heli_twin.calibration.calibrate import EFFECTS, calibrate, flights_of
+from heli_twin.calibration.output import as_toml, draws, ensemble, posterior, twin_of
+from heli_twin.calibration.parameters import NAMES, of_experiment
+from heli_twin.experiment.text import load
+from heli_twin.mission import fly
+from heli_twin.studies.plan import plan_of
+from heli_twin.studies.study import load_study
+
+HIDDEN = [
+    "plant.mass=0.030",
+    "plant.thrust_gain=0.6",
+    "plant.pitch_gain=0.18",
+    "plant.yaw_gain=0.0027",
+    "plant.roll_trim=0.02",
+    "plant.thrust_lag=0.05",
+    "plant.input_delay=0.005",
+]
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    lab, logs = load("lab_simple", HIDDEN), []
+    for seed, name in enumerate(("calibrate_plane", "calibrate_height_yaw"), 40):
+        there = load(name)
+        flight = replace(lab, trajectory=there.trajectory, excitation=there.excitation, duration=11.5, seed=seed)
+        logs.append((name, fly(flight, log_dir=None).log, seed))
+    base = load("lab_simple")
+    return calibrate(flights_of(logs, base), base, mass=0.030)
+
+
+def test_the_hidden_helicopter_is_inside_its_intervals(calibrated):
+    truth, known = of_experiment(load("lab_simple", HIDDEN)), calibrated.parameters
+    of_effects = {name for names in EFFECTS.values() for name in names}
+    told = [name for name in NAMES if name not in of_effects and known[name].told]
+    assert len(told) >= 12
+    # Of some twenty intervals of 95 %, four outside happen one time in 60.
+    assert sum(not known[name].low <= truth[name] <= known[name].high for name in told) <= 3
+    # A tenth of the difference to what was believed.
+    assert known["pitch_gain"].value == pytest.approx(0.18, rel=0.015)
+    assert known["thrust_per_mass"].value == pytest.approx(20.0, rel=0.02)
+    assert calibrated.fit.last_step < 0.1
+    assert calibrated.kept == ()
+
+
+def test_the_radios_frames_are_found(calibrated):
+    assert all(phase is not None for phase in calibrated.fit.state.framed)
+
+
+def test_the_structure_of_a_right_twin_is_accepted(calibrated):
+    assert calibrated.structure.worst[2] < 1.0
+
+
+def test_what_is_printed_for_programs_is_finite_json(calibrated):
+    text = json.dumps(calibrated.as_json(), allow_nan=False)
+    parameters = json.loads(text)["parameters"]
+    assert all(p["interval"][0] <= p["value"] <= p["interval"][1] for p in parameters.values())
+    json.dumps(posterior(calibrated), allow_nan=False)
+
+
+def test_the_file_flies_and_keeps_truth_and_belief_apart(calibrated, tmp_path):
+    path = tmp_path / "calibration.toml"
+    path.write_text(as_toml(calibrated))
+    assert {"plant", "controller", "envelope"} <= set(tomllib.loads(path.read_text()))
+    experiment = load(str(path), ["duration=3"])
+    found, wanted = of_experiment(experiment), {name: k.value for name, k in calibrated.parameters.items()}
+    # The delay is held to whole steps, with the remainder in a comment.
+    for name in ("thrust_per_mass", "pitch_gain", "izz_per_iyy", "drag_y_per_mass", "thrust_lag"):
+        assert found[name] == pytest.approx(wanted[name], rel=1e-6)
+    assert abs(found["delay"] - wanted["delay"]) <= 0.5e-3 + 1e-9
+    assert experiment.plant.mass == 0.030
+    assert experiment.controller.model.b_z == pytest.approx(wanted["thrust_per_mass"], rel=1e-5)
+    assert fly(experiment, log_dir=None).outcome.kind == "completed"
+
+
+def test_the_ensemble_is_a_study_of_what_the_flights_leave_open(calibrated, tmp_path):
+    many = draws(calibrated, 400)
+    spread = np.std([np.log(p["drag_x_per_mass"]) for p in many])
+    # 400 draws know a standard deviation to 4 %.
+    i = NAMES.index("drag_x_per_mass")
+    assert spread == pytest.approx(np.sqrt(1.5 * calibrated.fit.covariance[i, i]), rel=0.15)
+    path = tmp_path / "ensemble.toml"
+    path.write_text(ensemble(calibrated, 3))
+    assert len(plan_of(load_study(str(path))).space.alternatives) == 3
+
+
+def test_effects_that_are_kept_are_in_the_helicopter(calibrated):
+    believed = of_experiment(load("lab_realistic"))
+    twin = twin_of(calibrated.base, believed, 0.028, tuple(EFFECTS))
+    again = of_experiment(replace(calibrated.base, plant=twin.plant))
+    for name in NAMES:
+        assert again[name] == pytest.approx(believed[name], rel=1e-6, abs=2e-3 if name == "delay" else 1e-9), name

@@ -1,0 +1,63 @@
+"""Windows and inputs: what the fit compares, and what acts at the helicopter."""
+
+import numpy as np
+import pytest
+
+from heli_twin.calibration.calibrate import CalibrationError, flights_of
+from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, WINDOW_STEPS, flight_of
+from heli_twin.calibration.drive import GRID_S
+from heli_twin.calibration.parameters import lab_of, of_experiment
+from heli_twin.experiment.text import load
+from heli_twin.mission import fly
+
+LAB = load("lab_simple", ["plant.input_delay=0.004", "mocap.dropout=0.02"])
+
+
+@pytest.fixture(scope="module")
+def log():
+    flight = load("calibrate_height_yaw")
+    from dataclasses import replace
+
+    return fly(replace(LAB, trajectory=flight.trajectory, excitation=flight.excitation, duration=8.0), log_dir=None).log
+
+
+def at_the_helicopter(log, t):
+    """The input that really acts at times t (n,), s."""
+    i = np.searchsorted(log.acting.time, np.round((t - 0.004) * 1e9).astype(np.int64), side="right") - 1
+    return log.acting.u[np.maximum(i, 0)]
+
+
+def test_the_mean_wait_for_a_frame_is_unbiased_and_known_frames_are_nearly_exact(log):
+    flight = flight_of(log, "flight", lab_of(LAB), None)
+    t = STEP_S * np.arange(1000, 7000)
+    true, delay = at_the_helicopter(log, t), of_experiment(LAB)["delay"] + GRID_S
+    phase = float(np.median(np.mod(1e-9 * log.acting.time[1:], 0.022))) + 0.004
+    unknown, known = (flight.sent.acting(delay, t, phase) - true for phase in (None, phase))
+    assert np.abs(unknown.mean(axis=0)).max() < 2e-3
+    # What is left with known frames is the jitter of the compute time, and lost frames.
+    assert (known.std(axis=0) < 0.5 * unknown.std(axis=0)).all()
+
+
+def test_windows_hold_every_pose_once_and_average_the_steps_they_were_taken_at(log):
+    windows = flight_of(log, "flight", lab_of(LAB), None).windows
+    assert len(windows.first) == 3
+    assert (np.diff(windows.first) >= WINDOW_STEPS).all()
+    assert windows.frames.sum() == pytest.approx(600 * 0.98, abs=15)
+    full = windows.frames > 0
+    shares = windows.weights[:, :WINDOW_STEPS].reshape(3, BINS, BIN_STEPS).sum(axis=2) + windows.early
+    assert shares == pytest.approx(full.astype(float), abs=1e-12)
+    # The first state is where the poses are; 2 mm of noise and curvature.
+    assert np.abs(windows.start[:, :3] - windows.y[:, 0, :3]).max() < 0.02
+
+
+def test_logs_that_cannot_be_used_are_refused_in_a_sentence(log):
+    with pytest.raises(CalibrationError, match=r"a and b were flown with the same seed, 5: .* seed=6"):
+        flights_of([("a", log, 5), ("b", log, 5)], LAB)
+    from types import SimpleNamespace
+
+    deaf = SimpleNamespace(pose=log.pose, sent=log.sent._replace(u=log.sent.u * [1.0, np.nan, 1.0, 1.0]))
+    with pytest.raises(CalibrationError, match="lacks a sent command"):
+        flights_of([("deaf", deaf, None)], LAB)
+    blind = SimpleNamespace(pose=log.pose._replace(position=log.pose.position * [1, 1, 0.1]), sent=log.sent)
+    with pytest.raises(CalibrationError, match="low has no usable flight"):
+        flights_of([("low", blind, None)], LAB)
