@@ -93,7 +93,7 @@ def test_the_ensemble_is_a_study_of_what_the_flights_leave_open(calibrated, tmp_
 
 
 def test_effects_that_are_kept_are_in_the_helicopter(calibrated):
-    believed = of_experiment(load("lab_realistic"))
+    believed = of_experiment(load("lab"))
     twin = twin_of(calibrated.base, believed, 0.028, tuple(EFFECTS))
     again = of_experiment(replace(calibrated.base, plant=twin.plant))
     for name in NAMES:

@@ -53,5 +53,5 @@ def test_the_copy_has_the_effects_of_the_plant():
 
 
 def test_values_and_vector_are_inverse():
-    p = np.array(list(of_experiment(load("lab_realistic")).values()))
+    p = np.array(list(of_experiment(load("lab")).values()))
     assert values(vector(p)) == pytest.approx(p, rel=1e-12)

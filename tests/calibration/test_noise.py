@@ -9,7 +9,7 @@ from heli_twin.calibration.data import BINS
 from heli_twin.calibration.parameters import INDEX, NAMES, of_experiment, vector
 from heli_twin.experiment.text import load
 
-THETA = vector(np.array([of_experiment(load("lab_realistic"))[name] for name in NAMES]))
+THETA = vector(np.array([of_experiment(load("lab"))[name] for name in NAMES]))
 
 
 def test_steady_wind_carries_the_helicopter_along_and_tilts_it():
