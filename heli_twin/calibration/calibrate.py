@@ -12,11 +12,11 @@ import numpy as np
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
+from heli_twin.calibration.checks import CalibrationError, check_clock, check_form, check_recording, remarks
 from heli_twin.calibration.data import Flight, flight_of
-from heli_twin.calibration.fit import FIXED, Fit, Problem, fit, framed
+from heli_twin.calibration.fit import CONVERGED, FIXED, Fit, Problem, fit, framed
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, POSITIVE, SPREAD, lab_of, of_experiment, vector
 from heli_twin.calibration.structure import Structure, structure
-from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.recording import Log
 
@@ -35,10 +35,6 @@ TOLD = 0.5
 """A parameter is told if its standard deviation is below this share of the prior's."""
 SERVO_SUSPECT = 1.5
 """Correlation of the attitude's residual with the commands from which on the servos are looked at."""
-
-
-class CalibrationError(HeliTwinError):
-    """The logs cannot calibrate a twin; the message says why in one sentence."""
 
 
 class Known(NamedTuple):
@@ -94,6 +90,11 @@ class Calibrated:
             known[name] = Known(value, low, high, bool(deviation < TOLD * noise.PRIOR_SPREAD[i]), unit)
         return known
 
+    @property
+    def remarks(self) -> list[str]:
+        """Return what is worth telling beside the parameters, a sentence each."""
+        return list(remarks(self.fit))
+
     def as_json(self) -> dict[str, Any]:
         """The result as `heli-twin calibrate --json` prints it."""
         eta = np.exp(self.fit.state.eta)
@@ -109,6 +110,7 @@ class Calibrated:
                 "correlation": self.structure.correlation,
                 "variance": self.structure.variance,
             },
+            "remarks": self.remarks,
             "mass": self.mass,
             "last_step": self.fit.last_step,
             "iterations": self.fit.iterations,
@@ -159,6 +161,7 @@ def calibrate(
     base: Experiment,
     *,
     mass: float | None = None,
+    anyway: bool = False,
     progress: Callable[[], None] = lambda: None,
 ) -> Calibrated:
     """Fit the twin to flights.
@@ -167,6 +170,7 @@ def calibrate(
         flights: From `flights_of`.
         base: The helicopter that is believed, whose parameters are the prior's mean.
         mass: As weighed, kg; None for that of `base`.
+        anyway: Return a twin whose form does not explain the flights too.
         progress: Called after every iteration.
 
     Raises:
@@ -176,6 +180,7 @@ def calibrate(
     prior = vector(np.array([believed[name] for name in NAMES]))
     for names in EFFECTS.values():
         prior[[INDEX[name] for name in names]] = 0.0
+    check_recording(flights, prior)
     spread = SPREAD.copy()
     hold(spread, "servo")
     problem = Problem(flights, lab_of(base), prior, spread)
@@ -193,8 +198,18 @@ def calibrate(
             hold(spread, name)
             theta[[INDEX[p] for p in EFFECTS[name]]] = 0.0
     final = fit(Problem(flights, lab_of(base), prior, spread), first.state._replace(theta=theta), progress)
+    check_clock(final)
+    if final.last_step > CONVERGED:
+        raise CalibrationError(
+            f"the fit has not converged: its last step was {final.last_step:.2f} standard deviations, after"
+            f" {final.iterations} iterations (limit {CONVERGED:g}); believe in a helicopter that is nearer to this one,"
+            " or give longer flights"
+        )
+    form = structure(final)
+    if not anyway:
+        check_form(form)
     weighed = mass if mass is not None else getattr(base.plant, "mass", 0.028)
-    return Calibrated(base, final, first, kept, structure(final), weighed, tuple(f.name for f in flights))
+    return Calibrated(base, final, first, kept, form, weighed, tuple(f.name for f in flights))
 
 
 def hold(spread: Array, effect: str) -> None:

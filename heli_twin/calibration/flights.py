@@ -10,7 +10,7 @@ import numpy as np
 
 from controllers.excitations.multisine import Multisine
 from controllers.trajectories.doublets import Doublets
-from heli_twin.calibration.calibrate import CalibrationError
+from heli_twin.calibration.checks import CalibrationError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import load
 from heli_twin.workers.fleet import fleet

@@ -52,6 +52,9 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     )
     parser.add_argument("--plan", action="store_true", help="say what flights would tell, and which helps most next")
     parser.add_argument("--card", action="store_true", help="print the calibration flights for a real lab")
+    parser.add_argument(
+        "--anyway", action="store_true", help="go on although the form of the twin does not explain the flights"
+    )
     parser.add_argument("--json", action="store_true", help="print the result as JSON, for programs")
 
 
@@ -73,7 +76,11 @@ def run(parsed: Namespace) -> int:
     if parsed.plan:
         return _plan(base, logs, as_json=parsed.json)
     folder = parsed.out or Path("logs")
-    calibrated = _calibrated(base, logs, folder, parsed.mass)
+    try:
+        calibrated = _calibrated(base, logs, folder, parsed)
+    except HeliTwinError as error:
+        _save_picture(error, parsed.out)
+        raise
     files = _save(calibrated, parsed, pasteable("heli-twin", "calibrate", *words))
     if parsed.json:
         print(json.dumps(calibrated.as_json() | {"files": [str(path) for path in files]}, indent=2, allow_nan=False))
@@ -92,7 +99,17 @@ def _card(base: "Experiment") -> int:
     return 0
 
 
-def _calibrated(base: "Experiment", logs: list[Path], folder: Path, mass: float | None) -> "Calibrated":
+def _save_picture(error: HeliTwinError, out: Path | None) -> None:
+    """Draw the reason of a refusal into the folder for results."""
+    figure = getattr(error, "figure", None)
+    if figure and out:
+        from heli_twin.reporting.svg import write_svg
+
+        out.mkdir(parents=True, exist_ok=True)
+        write_svg(figure, out / f"refused-{figure.name}.svg")
+
+
+def _calibrated(base: "Experiment", logs: list[Path], folder: Path, parsed: Namespace) -> "Calibrated":
     from heli_twin.calibration.calibrate import calibrate, flights_of
     from heli_twin.calibration.flights import FITTED, fly_them, planned
 
@@ -104,7 +121,9 @@ def _calibrated(base: "Experiment", logs: list[Path], folder: Path, mass: float 
             logs = flown[: len(FITTED)]
         task = bar.add_task("fitting", total=EXPECTED_ITERATIONS)
         read = [_read(path) for path in logs]
-        return calibrate(flights_of(read, base), base, mass=mass, progress=lambda: bar.advance(task))
+        return calibrate(
+            flights_of(read, base), base, mass=parsed.mass, anyway=parsed.anyway, progress=lambda: bar.advance(task)
+        )
 
 
 def _read(path: Path) -> tuple[str, Any, int | None]:
@@ -210,6 +229,8 @@ def show(calibrated: "Calibrated", files: list[Path]) -> None:
     channel, statistic, ratio = calibrated.structure.worst
     verdict = "the form of the twin explains these flights" if ratio <= 1.0 else "the form of the twin is wrong"
     say(f"{verdict}: worst residual {channel}, {statistic}, {ratio:.2f} of its limit")
+    for remark in calibrated.remarks:
+        say(remark)
     say(f"mass {calibrated.mass:g} kg is taken as given: flights tell only ratios to it")
     for path in files:
         say(f"wrote {path}")
