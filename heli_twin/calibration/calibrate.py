@@ -184,8 +184,8 @@ def calibrate(
     spread = SPREAD.copy()
     hold(spread, "servo")
     problem = Problem(flights, lab_of(base), prior, spread)
-    blind = fit(problem, None, progress, enough=1.0)
-    first = fit(problem, framed(problem, blind), progress, enough=0.5)
+    blind = fit(problem, None, progress, enough=1.0, limit=6)
+    first = fit(problem, framed(problem, blind), progress, enough=0.5, limit=6)
     form = structure(first)
     if max(form.correlation["pitch"], form.correlation["roll"]) > SERVO_SUSPECT:
         problem = Problem(flights, lab_of(base), prior, SPREAD.copy())

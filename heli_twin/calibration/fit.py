@@ -176,12 +176,14 @@ class Problem:
     def linearise(self, state: State) -> tuple[Array, Array, Array]:
         """Predicted poses (w, BINS, 6), and their derivatives by theta and a log's nuisance, and by the first state."""
         steps = np.array([STEPS.get(name, 1e-4) for name in NAMES])
-        variants = state.theta + np.vstack([np.zeros(N_THETA), np.diag(steps), np.zeros(N_THETA)])
-        out = self._simulate(state, variants, [0.0] * (1 + N_THETA) + [PHASE_STEP], START_STEP)
-        by_phase = (out[1 + N_THETA] - out[0]) / PHASE_STEP
-        out = np.delete(out, 1 + N_THETA, axis=0)
-        n, m = 1 + N_THETA, 1 + N_THETA + N_START - 3
-        by_theta = (out[1:n] - out[0]) / steps[:, None, None, None]
+        free = np.flatnonzero(self.spread > FIXED)
+        n, m = 1 + len(free), 1 + len(free) + N_START - 3
+        variants = state.theta + np.vstack([np.zeros(N_THETA), np.diag(steps)[free], np.zeros(N_THETA)])
+        out = self._simulate(state, variants, [0.0] * n + [PHASE_STEP], START_STEP)
+        by_phase = (out[n] - out[0]) / PHASE_STEP
+        out = np.delete(out, n, axis=0)
+        by_theta = np.zeros((N_THETA, *out.shape[1:]))
+        by_theta[free] = (out[1:n] - out[0]) / steps[free, None, None, None]
         by_start = (out[n:m] - out[0]) / START_STEP[3:, None, None, None]
         by_push = (out[m:] - out[0]) / PUSH_STEP
         by_place = np.zeros((3, *out.shape[1:]))
@@ -265,13 +267,14 @@ class Problem:
         """Simulated poses (p, w, BINS, 6) of variants (p, n), with `later` frames (p,), s.
 
         With `start_steps` (12,) the first state is varied too, and after it the push; the variants are then the nominal
-        vector, one for each parameter, and one with later frames.
+        vector, one for each free parameter, and one with later frames.
         """
         p, w = len(variants), len(self.log_of)
         which = np.arange(p)
         if start_steps is not None:
             # Most parameters move the helicopter under the same drive.
-            driven = [0, *(1 + INDEX[name] for name in DRIVEN), p - 1]
+            free = np.flatnonzero(self.spread > FIXED).tolist()
+            driven = [0, *(1 + free.index(INDEX[name]) for name in DRIVEN if INDEX[name] in free), p - 1]
             which = np.zeros(p, np.int64)
             which[driven] = np.arange(len(driven))
         drive = self._drives(state, *zip(*[(variants[i], later[i]) for i in _firsts(which)], strict=True))
@@ -412,6 +415,7 @@ def fit(
     begin: State | None = None,
     progress: Callable[[], None] = lambda: None,
     enough: float = CONVERGED,
+    limit: int = MAX_ITERATIONS,
 ) -> Fit:
     """Fit the twin to flights.
 
@@ -420,19 +424,20 @@ def fit(
         begin: From an earlier fit of the same flights; None for the prior.
         progress: Called after every iteration.
         enough: Largest step, in posterior standard deviations, after which it stops.
+        limit: Most iterations.
     """
     # More threads would add numbers in another order.
     with threadpool_limits(limits=1):
-        return _fit(problem, begin, progress, enough)
+        return _fit(problem, begin, progress, enough, limit)
 
 
-def _fit(problem: Problem, begin: State | None, progress: Callable[[], None], enough: float) -> Fit:
+def _fit(problem: Problem, begin: State | None, progress: Callable[[], None], enough: float, limit: int) -> Fit:
     state, logs = begin or problem.initial(), len(problem.flights)
     spread = np.concatenate([problem.spread, np.tile(LOG_SPREAD, logs)])
     precision = np.diag(spread**-2.0)
     blind = 0 if begin else BLIND_ITERATIONS
     air, last = None, np.inf
-    for iteration in range(1, MAX_ITERATIONS + 1):
+    for iteration in range(1, limit + 1):
         if last > STALE:
             predicted, jacobian, first = problem.linearise(state)
         else:
@@ -449,7 +454,7 @@ def _fit(problem: Problem, begin: State | None, progress: Callable[[], None], en
         last = float(np.max(np.abs(step[:N_THETA]) / np.sqrt(np.diag(covariance))[:N_THETA]))
         calm = bool(np.max(np.abs(eta - state.eta) / np.sqrt(np.diag(eta_covariance))) < 1.0)
         progress()
-        if (iteration > blind + 1 and last < enough and calm) or iteration == MAX_ITERATIONS:
+        if (iteration > blind + 1 and last < enough and calm) or iteration == limit:
             break
         step *= min(1.0, MAX_STEP / float(np.max(np.abs(step[:N_THETA]) / np.maximum(problem.spread, FIXED))))
         theta = state.theta + step[:N_THETA]

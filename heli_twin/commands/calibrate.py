@@ -48,7 +48,10 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "--save", type=file_path, metavar="FILE.toml", help="write the calibrated helicopter for `heli-twin fly` here"
     )
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="write calibration.toml, posterior, ensemble and new logs here"
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="write the page, calibration.toml, posterior, ensemble and new logs here",
     )
     parser.add_argument("--plan", action="store_true", help="say what flights would tell, and which helps most next")
     parser.add_argument("--card", action="store_true", help="print the calibration flights for a real lab")
@@ -142,6 +145,7 @@ def _read(path: Path) -> tuple[str, Any, int | None]:
 
 def _save(calibrated: "Calibrated", parsed: Namespace, command_line: str) -> list[Path]:
     from heli_twin.calibration.output import as_toml, ensemble, posterior
+    from heli_twin.calibration.page import write_page
 
     files: list[Path] = []
     try:
@@ -156,6 +160,8 @@ def _save(calibrated: "Calibrated", parsed: Namespace, command_line: str) -> lis
             for name, text in texts.items():
                 write_whole(parsed.out / name, text.encode())
                 files.append(parsed.out / name)
+            write_page(calibrated, parsed.out / "calibration.html")
+            files.append(parsed.out / "calibration.html")
     except OSError as error:
         raise HeliTwinError(f"cannot write {error.filename}: {error.strerror}") from None
     return files
