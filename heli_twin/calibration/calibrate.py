@@ -14,8 +14,10 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.checks import CalibrationError, check_clock, check_form, check_recording, remarks
 from heli_twin.calibration.data import Flight, flight_of
-from heli_twin.calibration.fit import CONVERGED, FIXED, Fit, Problem, fit, framed
+from heli_twin.calibration.fit import CONVERGED, Fit, fit
+from heli_twin.calibration.frames import framed
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, POSITIVE, SPREAD, lab_of, of_experiment, vector
+from heli_twin.calibration.problem import FIXED, Problem
 from heli_twin.calibration.structure import Structure, structure
 from heli_twin.experiment import Experiment
 from heli_twin.recording import Log
@@ -184,8 +186,8 @@ def calibrate(
     spread = SPREAD.copy()
     hold(spread, "servo")
     problem = Problem(flights, lab_of(base), prior, spread)
-    blind = fit(problem, None, progress, enough=1.0, limit=6)
-    first = fit(problem, framed(problem, blind), progress, enough=0.5, limit=6)
+    blind = fit(problem, None, progress, enough=1.0, limit=5)
+    first = fit(problem, framed(problem, blind), progress, enough=0.5, limit=4)
     form = structure(first)
     if max(form.correlation["pitch"], form.correlation["roll"]) > SERVO_SUSPECT:
         problem = Problem(flights, lab_of(base), prior, SPREAD.copy())

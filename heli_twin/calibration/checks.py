@@ -8,14 +8,16 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from controllers.model import GRAVITY
 from controllers.signals import Array
 from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, Flight
 from heli_twin.calibration.drive import drives_of
-from heli_twin.calibration.fit import LEVER, Fit
+from heli_twin.calibration.fit import Fit
 from heli_twin.calibration.parameters import INDEX, values
+from heli_twin.calibration.problem import LEVER
 from heli_twin.calibration.structure import WORST_CORRELATION, WORST_MEMORY, Structure
 from heli_twin.errors import HeliTwinError
 from heli_twin.reporting.figure import Curve, Figure, Panel
@@ -109,7 +111,7 @@ def _answers(flight: Flight, theta: Array) -> Iterator[_Answer]:
         )
 
 
-def _detrended(rows: Array, present: Array, degree: int) -> Array:
+def _detrended(rows: Array, present: NDArray[np.bool_], degree: int) -> Array:
     """Rows (w, BINS) without a polynomial in time; NaN where there is no pose."""
     t = np.linspace(-1.0, 1.0, BINS)
     out = np.full(rows.shape, np.nan)
@@ -180,7 +182,7 @@ def _check_axes(flight: Flight) -> None:
 def _figure(name: str, title: str, answer: _Answer) -> Figure:
     """Expected and seen, in the window in which most happens."""
     i = int(np.argmax(np.nansum(answer.expected**2, axis=1)))
-    t = BIN_S * np.arange(BINS)
+    t: Array = BIN_S * np.arange(BINS, dtype=np.float64)
     seen = np.isfinite(answer.seen[i])
     unit = "m" if answer.channel in "xyz" else "rad"
     return Figure(
@@ -260,7 +262,7 @@ def check_form(form: Structure) -> None:
         "x": "the drag, or the wind",
         "y": "the drag, or the wind",
     }[channel]
-    t = BIN_S * np.arange(len(form.curves[channel]))
+    t: Array = BIN_S * np.arange(len(form.curves[channel]), dtype=np.float64)
     panel = Panel(
         f"{channel}: autocorrelation of the whitened residual",
         "lag (s)",

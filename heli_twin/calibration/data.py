@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from controllers.rotations import yaw_of
 from controllers.signals import Array
@@ -130,10 +131,12 @@ class Sent:
         """
         first, last = (np.floor((edge - phase) / self.frame) for edge in (t[0] - 1.0, t[-1]))
         acts = phase + self.frame * np.arange(first, last + 2)
-        newest = np.clip(np.searchsorted(self.t, acts - least + self._jitter, side="right") - 1, 0, len(self.u) - 1)
+        # The deviation of a uniform jitter, as a normal one: the fit needs a slope without corners.
+        deviation = max(self._jitter / np.sqrt(3.0), 1e-6)
+        reach = acts - least + 3.0 * deviation
+        newest = np.clip(np.searchsorted(self.t, reach, side="right") - 1, 0, len(self.u) - 1)
         before = np.maximum(newest - 1, 0)
-        ready = (acts - least - self.t[newest] + self._jitter) / max(2.0 * self._jitter, 1e-9)
-        share = np.clip(ready, 0.0, 1.0)[:, None]
+        share = ndtr((acts - least - self.t[newest]) / deviation)[:, None]
         return Held(acts, share * self.u[newest] + (1.0 - share) * self.u[before])
 
 
@@ -167,7 +170,7 @@ def _angles(quat: Array) -> Array:
     w, x, y, z = quat.T
     pitch = np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return np.column_stack([np.unwrap(yaw_of(quat)), pitch, roll])
+    return np.column_stack([np.unwrap(yaw_of(quat)), pitch, roll]).astype(np.float64)
 
 
 def _steady(angles: Array) -> NDArray[np.bool_]:

@@ -42,7 +42,7 @@ def drives_of(flight: Flight, variants: Sequence[Array], phases: Sequence[float 
     """
     each = [values(theta) for theta in variants]
     inputs: dict[tuple[float, float | None], Array] = {}
-    t = flight.origin + STEP_S * np.arange(flight.steps)
+    t: Array = flight.origin + STEP_S * np.arange(flight.steps, dtype=np.float64)
     for p, phase in zip(each, phases, strict=True):
         way = float(p[INDEX["delay"]]) + GRID_S, phase
         if way not in inputs:
@@ -99,8 +99,9 @@ class _Servos:
     def swashplate(self, p: Array, phase: float | None) -> Array:
         """Return its mean path (steps, 2) before the lag; a later frame, or a longer delay, moves the whole path."""
         path = self._paths[:, self._plays.index(_play_of(p))]
-        framed = self._phase is not None and phase is not None
-        later = phase - self._phase if framed else float(p[INDEX["delay"]]) - self._delay
+        later = float(p[INDEX["delay"]]) - self._delay
+        if self._phase is not None and phase is not None:
+            later = phase - self._phase
         return np.column_stack([np.interp(self._t - later, self._times, axis) for axis in path.T])
 
 

@@ -11,9 +11,11 @@ torques divided by Iyy and I = diag(Ixx, Iyy, Izz) / Iyy:
 A test holds them against MuJoCo.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.model import GRAVITY
 from controllers.signals import Array
@@ -35,7 +37,7 @@ class Lanes(NamedTuple):
     """(p, w, 3) acceleration, world, m/s^2."""
     drive: Array
     """(WINDOW_STEPS, d, 4, w) pitch, roll, thrust per mass, yaw of d different drives."""
-    which: Array
+    which: NDArray[np.int64]
     """(p,) the drive of each variant."""
 
 
@@ -50,10 +52,11 @@ def simulate(lanes: Lanes, weights: Array, early: Array, lab: Lab) -> Array:
     """
     p, w = lanes.push.shape[:2]
     step = _stepper(lanes, lab)
+    seen: NDArray[np.bool_] = np.asarray(weights.any(axis=0))
+    seen_early: NDArray[np.bool_] = np.asarray(early.any(axis=0))
     state = np.ascontiguousarray(np.moveaxis(lanes.start, -1, 0))
     pose, rate = _split(state)
     out = np.zeros((BINS, 6, p, w))
-    seen, seen_early = weights.any(axis=0), early.any(axis=0)
     for k in range(WINDOW_STEPS):
         if seen[k]:
             out[k // BIN_STEPS] += weights[:, k] * pose
@@ -70,7 +73,8 @@ def _split(state: Array) -> tuple[Array, Array]:
     return np.concatenate([state[:3], state[6:9]]), np.concatenate([state[3:6], state[9:]])
 
 
-def _stepper(lanes: Lanes, lab: Lab):
+def _stepper(lanes: Lanes, lab: Lab) -> Callable[[Array, Array, Array], None]:
+    """Return a function that advances poses (6, p, w) and their rates by one step under the drives (p, 4, w)."""
     c = {name: values(lanes.theta)[:, i, None] for name, i in INDEX.items()}
     kx, ky, kz = (c[f"drag_{axis}_per_mass"] for axis in "xyz")
     w2 = c["attitude_frequency"] ** 2

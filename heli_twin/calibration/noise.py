@@ -13,11 +13,11 @@ Sources: Patterson and Thompson, Biometrika 58 (1971); Gilmour, Thompson and Cul
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import lapack as _lapack
 
 from controllers.model import GRAVITY
 from controllers.signals import Array
@@ -45,6 +45,8 @@ COMPONENTS = (
 PRIOR = np.array([0.2, 0.7, 0.5, 0.0005, 0.0003, 0.005, 0.1, 2.0, 0.005])
 PRIOR_SPREAD = np.array([1.5, 0.5, 2.0, 0.7, 0.7, 0.7, 2.0, 2.0, 0.7])
 """Standard deviation of the prior of each logarithm."""
+lapack: Any = _lapack
+"""Its functions carry no types."""
 CHUNK = 16
 """Windows whose matrices are in memory at the same time."""
 
@@ -202,12 +204,8 @@ def _chunk(air: Windage, eta: Array, windows: slice, with_parts: bool) -> Weight
             Part("yaw", 2.0 * yaw_jitter),
             Part("yaw", 2.0 * s[8] * white),
         )
-    inverses, log_det = [], np.zeros(w)
-    for block in (plane, z, yaw):
-        inverse, det = _inverse(block)
-        inverses.append(inverse)
-        log_det += det
-    return Weighted(windows, *inverses, log_det, parts)
+    (plane, plane_det), (z, z_det), (yaw, yaw_det) = map(_inverse, (plane, z, yaw))
+    return Weighted(windows, plane, z, yaw, plane_det + z_det + yaw_det, parts)
 
 
 PART_OF = (0, 1, 2, 3, 3, 4, 4, 5, 6, 7, 8)
@@ -296,7 +294,7 @@ class Reml:
     def step(self, eta: Array) -> tuple[Array, Array]:
         """Return the next eta and its covariance."""
         prior = np.diag(PRIOR_SPREAD**-2.0)
-        covariance = np.linalg.inv(0.5 * (self._information + self._information.T) + prior)
+        covariance = np.asarray(np.linalg.inv(0.5 * (self._information + self._information.T) + prior), np.float64)
         step = covariance @ (self._score - prior @ (eta - np.log(PRIOR)))
         return eta + np.clip(step, -0.7, 0.7), covariance
 

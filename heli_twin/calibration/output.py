@@ -16,8 +16,8 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, Calibrated
 from heli_twin.calibration.data import BIN_STEPS, STEP_S
-from heli_twin.calibration.fit import FIXED
-from heli_twin.calibration.parameters import BATTERY_VOLTAGE_V, NAMES, POSITIVE, SPREAD, helicopter, values
+from heli_twin.calibration.parameters import BATTERY_VOLTAGE_V, NAMES, POSITIVE, SPREAD, helicopter, member, values
+from heli_twin.calibration.problem import FIXED
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.tree import physics_line, table_of
 from heli_twin.lab.plant.effects.battery import BatterySpec
@@ -102,7 +102,7 @@ def _effects(believed: MuJoCo, p: dict[str, float], mass: float, izz: float, kep
     if "thrust_yaw_coupling" in kept:
         effects.append(ThrustYawCoupling(lever=p["thrust_yaw_coupling_per_izz"] * izz / mass))
     if "battery" in kept:
-        cell = old.get("battery", BatterySpec())
+        cell = member(old, BatterySpec)
         capacity = (cell.idle_current + cell.hover_current) / (3600.0 * max(p["battery_drain"], 1e-5))
         resistance = max(p["battery_droop"], 0.0) * BATTERY_VOLTAGE_V / max(cell.hover_current, 1e-3)
         effects.append(replace(cell, capacity=min(capacity, 10.0), resistance=min(resistance, 2.0)))
@@ -110,7 +110,7 @@ def _effects(believed: MuJoCo, p: dict[str, float], mass: float, izz: float, kep
         slew = 1.0 / max(p["servo_slowness"], LEAST_SLOWNESS)
         effects.append(Servo(deadband=0.0, slew=slew, backlash=max(p["servo_backlash"], 0.0)))
     if "ground_effect" in kept or "ground_effect" in old:
-        effects.append(old.get("ground_effect", GroundEffect()))
+        effects.append(member(old, GroundEffect))
     return tuple(effects)
 
 

@@ -10,8 +10,8 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, Calibrated
 from heli_twin.calibration.data import BIN_STEPS, BINS, CHANNELS, STEP_S
-from heli_twin.calibration.fit import FIXED
 from heli_twin.calibration.parameters import NAMES, POSITIVE, SPREAD
+from heli_twin.calibration.problem import FIXED
 from heli_twin.calibration.structure import WORST_CORRELATION, WORST_MEMORY
 from heli_twin.reporting.figure import Curve, Dots, Figure, Heat, Panel, Table
 from heli_twin.reporting.html_page import Section, html_page, table_section
@@ -80,8 +80,8 @@ def _parameters(calibrated: Calibrated) -> Table:
     ]
     return Table(
         "Parameters",
-        "Ratios and sums that flights can tell, with 95 % intervals: the wider of the model's and of the one from the"
-        " scatter of the windows.",
+        "Ratios and sums that flights can tell, with 95 % intervals: from the scatter of the windows, within limits of"
+        " the model's.",
         ("parameter", "value", "95 % interval", "unit", ""),
         rows,
     )
@@ -132,7 +132,11 @@ def _residuals(calibrated: Calibrated) -> Figure:
             f" {form.correlation[channel]:.1f} of {WORST_CORRELATION:g}",
             "lag (s)",
             "autocorrelation",
-            [Curve("whitened residual", BIN_S * np.arange(len(curve)), curve, style="steps", color=2)],
+            [
+                Curve(
+                    "whitened residual", BIN_S * np.arange(len(curve), dtype=np.float64), curve, style="steps", color=2
+                )
+            ],
         )
         for channel, curve in form.curves.items()
     ]
@@ -181,7 +185,7 @@ def _window(calibrated: Calibrated, window: int, place: int, channel: int) -> tu
     twin = np.where(problem.present[window], calibrated.fit.predicted[window, :, channel], np.nan)
     # The curve of one window does not lead into the next.
     seen[-1] = twin[-1] = np.nan
-    return BIN_S * (np.arange(BINS) + BINS * place), seen - middle, twin - middle
+    return BIN_S * (np.arange(BINS, dtype=np.float64) + BINS * place), seen - middle, twin - middle
 
 
 def _noise(calibrated: Calibrated) -> Table:

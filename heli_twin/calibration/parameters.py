@@ -4,15 +4,19 @@ Mass, absolute inertias and the parts of the delay cannot be told: what is fitte
 helicopter that is given, with a spread so wide that it speaks only where the flights do not.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from controllers.markers import by_name
-from controllers.model import GRAVITY
 from controllers.signals import Array
 from heli_twin.experiment import Experiment
+from heli_twin.lab.plant.effects.battery import BatterySpec
+from heli_twin.lab.plant.effects.hub_drag import HubDrag
+from heli_twin.lab.plant.effects.servo import Servo
+from heli_twin.lab.plant.effects.thrust_yaw_coupling import ThrustYawCoupling
 from heli_twin.lab.plant.mujoco import MuJoCo
 
 
@@ -107,16 +111,24 @@ def helicopter(experiment: Experiment) -> MuJoCo:
     return experiment.plant if isinstance(experiment.plant, MuJoCo) else MuJoCo()
 
 
+Kind = TypeVar("Kind")
+
+
+def member(effects: Mapping[str, object], kind: type[Kind]) -> Kind:
+    """Return the effect of a class; one with its default values if there is none."""
+    return next((effect for effect in effects.values() if isinstance(effect, kind)), kind())
+
+
 def of_experiment(experiment: Experiment) -> dict[str, float]:
     """Return the parameters of an experiment by name: the prior of a fit, and the truth of a test."""
     p = helicopter(experiment)
     effects = by_name(p.effects)
-    hub, coupling, battery = (effects.get(kind) for kind in ("hub_drag", "thrust_yaw_coupling", "battery"))
-    servo = effects.get("servo")
+    hub, coupling = member(effects, HubDrag), member(effects, ThrustYawCoupling)
+    battery, servo = member(effects, BatterySpec), member(effects, Servo)
     radio, compute = experiment.radio, experiment.compute
     delay = getattr(compute, "latency", 0.0) + 0.5 * getattr(radio, "frame_period", 0.0)
     delay += getattr(radio, "latency", 0.0) + p.delay_steps * p.step
-    return {
+    basic = {
         "thrust_per_mass": p.thrust_gain / p.mass,
         "pitch_gain": p.pitch_gain,
         "roll_gain": p.roll_gain,
@@ -136,18 +148,19 @@ def of_experiment(experiment: Experiment) -> dict[str, float]:
         "delay": delay,
         "iyy_per_ixx": p.inertia_yy / p.inertia_xx,
         "izz_per_iyy": p.inertia_zz / p.inertia_yy,
-        "hub_drag_per_iyy": (hub.height * p.mass + hub.flapping / max(p.drag_x / p.mass, 1e-3)) / p.inertia_yy
-        if hub
-        else 0.0,
-        "thrust_yaw_coupling_per_izz": coupling.lever * p.mass / p.inertia_zz if coupling else 0.0,
-        "battery_drain": (battery.idle_current + battery.hover_current) / (3600.0 * battery.capacity)
-        if battery
-        else 0.0,
-        "battery_droop": battery.resistance * battery.hover_current / BATTERY_VOLTAGE_V if battery else 0.0,
-        "servo_backlash": servo.backlash if servo else 0.0,
-        "servo_slowness": 1.0 / servo.slew if servo else 0.0,
-        "ground_effect": 1.0 if "ground_effect" in effects else 0.0,
     }
-
-
-HOVER_M_S2 = GRAVITY
+    of_effects = {
+        "hub_drag": {
+            "hub_drag_per_iyy": (hub.height * p.mass + hub.flapping / max(p.drag_x / p.mass, 1e-3)) / p.inertia_yy
+        },
+        "thrust_yaw_coupling": {"thrust_yaw_coupling_per_izz": coupling.lever * p.mass / p.inertia_zz},
+        "battery": {
+            "battery_drain": (battery.idle_current + battery.hover_current) / (3600.0 * battery.capacity),
+            "battery_droop": battery.resistance * battery.hover_current / BATTERY_VOLTAGE_V,
+        },
+        "servo": {"servo_backlash": servo.backlash, "servo_slowness": 1.0 / servo.slew},
+        "ground_effect": {"ground_effect": 1.0},
+    }
+    for kind, its in of_effects.items():
+        basic |= its if kind in effects else dict.fromkeys(its, 0.0)
+    return basic

@@ -11,8 +11,9 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, TOLD, hold
 from heli_twin.calibration.data import Flight
-from heli_twin.calibration.fit import LOG_SPREAD, N_LOG, N_THETA, Problem, State, normal
+from heli_twin.calibration.equations import normal
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, SPREAD, lab_of, of_experiment, vector
+from heli_twin.calibration.problem import LOG_SPREAD, N_LOG, N_THETA, Problem, State
 from heli_twin.experiment import Experiment
 
 

@@ -1,0 +1,61 @@
+"""The normal equations of one step: the first state of each window is projected out, each log has its nuisance."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.signals import Array
+from heli_twin.calibration import noise
+from heli_twin.calibration.problem import N_LOG, N_START, N_THETA, Problem, columns
+
+
+class Normal(NamedTuple):
+    """The linearised problem after the projection of the first states."""
+
+    matrix: Array
+    """(m, m) sum of J' P J, of theta and then each log's nuisance."""
+    vector: Array
+    """(m,) sum of J' P r."""
+    scores: Array
+    """(w, m) J' P r of each window."""
+    to_start: Callable[[Array], Array]
+    """From a step (m,) to the steps (w, 12) of the first states."""
+    reml: noise.Reml
+
+
+def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Normal:
+    """Return the normal equations of one Gauss-Newton step, and of the variances.
+
+    Args:
+        problem: The flights.
+        air: The responses to wind and torque.
+        eta: (9,) logarithms of `noise.COMPONENTS`.
+        rows: (w, BINS, 6, .) derivatives by theta and a log's nuisance, the residual, derivatives by the first state.
+    """
+    w, n = len(problem.log_of), N_THETA + N_LOG
+    gram, reml = np.zeros((w, n + 1 + N_START, n + 1 + N_START)), noise.Reml()
+    for weights in noise.weighted(air, eta, with_parts=True):
+        k, parts = weights.windows, noise.blocks(weights, rows)
+        for matrix, part in parts.values():
+            gram[k] += part.transpose(0, 2, 1) @ (matrix @ part)
+        gram[k, n + 1 :, n + 1 :] += 1e-9 * np.eye(N_START)
+        residual = {name: part[..., n : n + 1] for name, (_, part) in parts.items()}
+        first = {name: part[..., n + 1 :] for name, (_, part) in parts.items()}
+        reml.add(weights, residual, first, gram[k, n + 1 :, n + 1 :])
+    inverse = np.linalg.inv(gram[:, n + 1 :, n + 1 :])
+    back = inverse @ gram[:, n + 1 :, : n + 1]
+    local = gram[:, : n + 1, : n + 1] - gram[:, : n + 1, n + 1 :] @ back
+    m = N_THETA + len(problem.flights) * N_LOG
+    matrix, scores = np.zeros((m, m)), np.zeros((w, m))
+    places = [columns(int(log)) for log in problem.log_of]
+    for i, c in enumerate(places):
+        matrix[np.ix_(c, c)] += local[i, :n, :n]
+        scores[i, c] = local[i, :n, n]
+
+    def to_start(step: Array) -> Array:
+        return back[..., n] - np.stack(
+            [of_window @ step[c] for of_window, c in zip(back[..., :n], places, strict=True)]
+        )
+
+    return Normal(matrix, scores.sum(axis=0), scores, to_start, reml)

@@ -1,0 +1,65 @@
+"""The frames of the radio: when the input that a frame brings acts at the helicopter."""
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from controllers.signals import Array
+from heli_twin.calibration import noise
+from heli_twin.calibration.fit import Fit
+from heli_twin.calibration.problem import LOG_SPREAD, N_LOG, N_START, N_THETA, PHASE, Problem, State
+
+PHASES, FRAME_GAIN = 22, 50.0
+"""Phases of the frames that are tried, and the least gain in the weighted square that decides for one: twice the log of
+the number of phases is 6, and the gain is in the hundreds where frames are regular."""
+
+
+def framed(problem: Problem, fitted: Fit) -> State:
+    """Return the state of a fit with the frames of each log's radio where they explain its poses best, if any do.
+
+    Frames a millisecond apart are tried. The misfit is the weighted square of the residual, with everything else fitted
+    anew in one linear step. A log whose frames explain nothing keeps the mean wait for a frame.
+    """
+    with threadpool_limits(limits=1):
+        return _framed(problem, fitted)
+
+
+def _framed(problem: Problem, fitted: Fit) -> State:
+    if not problem.lab.frame_period:
+        return fitted.state
+    phases = problem.lab.frame_period * np.arange(PHASES) / PHASES
+    nuisance = fitted.state.nuisance.copy()
+    nuisance[:, PHASE] = 0.0
+    state = fitted.state._replace(nuisance=nuisance, framed=(0.0,) * len(problem.flights))
+    unframed = state._replace(framed=(None,) * len(problem.flights))
+    variants = np.broadcast_to(state.theta, (PHASES, N_THETA))
+    predicted = [
+        *problem.simulated(state, variants, phases.tolist()),
+        problem.simulated(unframed, variants[:1], [0.0])[0],
+    ]
+    misfit = _misfit(
+        problem, fitted, np.stack([problem.residual(problem.measured(h, state)) for h in predicted], axis=-1)
+    )
+    best = np.argmin(misfit[:, :PHASES], axis=1)
+    gains = misfit[:, PHASES] - misfit[np.arange(len(best)), best]
+    framed = [float(phases[i]) if gain > FRAME_GAIN else None for i, gain in zip(best, gains, strict=True)]
+    return state._replace(framed=tuple(framed))
+
+
+def _misfit(problem: Problem, fitted: Fit, residuals: Array) -> Array:
+    """Weighted squares (logs, c) of residuals (w, BINS, 6, c), with parameters and first states fitted to each."""
+    c, n = residuals.shape[-1], N_THETA + N_LOG
+    rows = np.concatenate([residuals, fitted.jacobian, fitted.first], axis=-1)
+    gram = np.zeros((len(rows), rows.shape[-1], rows.shape[-1]))
+    for weights in noise.weighted(fitted.air, fitted.state.eta, with_parts=False):
+        for matrix, part in noise.blocks(weights, rows).values():
+            gram[weights.windows] += part.transpose(0, 2, 1) @ (matrix @ part)
+    k = c + n
+    back = np.linalg.solve(gram[:, k:, k:] + 1e-9 * np.eye(N_START), gram[:, k:, :k])
+    local = gram[:, :k, :k] - gram[:, :k, k:] @ back
+    spread = np.concatenate([problem.spread, LOG_SPREAD])
+    out = np.zeros((len(problem.flights), c))
+    for log in range(len(problem.flights)):
+        of_log = local[problem.log_of == log].sum(axis=0)
+        fitted_away = np.linalg.solve(of_log[c:, c:] + np.diag(spread**-2.0), of_log[c:, :c])
+        out[log] = np.diag(of_log[:c, :c] - of_log[:c, c:] @ fitted_away)
+    return out

@@ -1,0 +1,256 @@
+"""The windows of all flights stacked: what a state of the fit predicts, and its derivatives."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.signals import Array
+from heli_twin.calibration import noise
+from heli_twin.calibration.data import WINDOW_STEPS, Flight
+from heli_twin.calibration.drive import drives_of
+from heli_twin.calibration.motion import Lanes, simulate
+from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
+
+OF_A_LOG = (
+    "push_x",
+    "push_y",
+    "push_z",
+    "marker_roll",
+    "marker_pitch",
+    "marker_yaw",
+    "marker_x",
+    "marker_y",
+    "marker_z",
+    "delay_error",
+    "frame_phase",
+)
+"""Nuisance of each log: m/s^2 in the world; tilt of the marker body, rad; its place in the body, m; s."""
+LOG_SPREAD = np.array([0.3, 0.3, 0.1] + [0.02] * 3 + [0.01] * 3 + [0.0003, 0.006])
+"""Standard deviations of their priors. A flight begins anywhere between two steps of radio and physics."""
+PUSH, TILT, LEVER, LATE, PHASE = slice(0, 3), slice(3, 6), slice(6, 9), 9, 10
+N_THETA, N_LOG, N_START = len(NAMES), len(OF_A_LOG), 12
+STEPS = {
+    "delay": 2e-5,
+    "hub_drag_per_iyy": 0.1,
+    "thrust_yaw_coupling_per_izz": 1e-2,
+    "drag_z_per_mass": 1e-3,
+    "battery_drain": 1e-5,
+    "battery_droop": 1e-3,
+    "servo_backlash": 2e-3,
+    "servo_slowness": 0.02,
+    "ground_effect": 0.05,
+}
+"""Steps of the differences; 1e-4 for the others."""
+START_STEP = np.array([0, 0, 0, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
+PUSH_STEP, PHASE_STEP = 1e-3, 2e-4
+DRIVEN = (
+    "delay",
+    "servo_lag",
+    "thrust_lag",
+    "yaw_lag",
+    "thrust_per_mass",
+    "battery_drain",
+    "battery_droop",
+    "servo_backlash",
+    "servo_slowness",
+)
+"""Parameters that change what the actuators do."""
+FIRST = {"servo_backlash": 0.02, "servo_slowness": 0.3}
+"""Where the fit of these begins: at zero they have no slope."""
+FIXED = 1e-5
+"""Spread of a prior below which a parameter is held."""
+
+
+class State(NamedTuple):
+    """What is being fitted."""
+
+    theta: Array
+    """(n,) parameters; logarithms of positive ones."""
+    nuisance: Array
+    """(logs, N_LOG)."""
+    start: Array
+    """(w, 12)."""
+    eta: Array
+    """(9,) logarithms of `noise.COMPONENTS`."""
+    framed: tuple[float | None, ...]
+    """For each log when the input of one of the radio's frames acts, to which `frame_phase` is added; None if the wait
+    for a frame is taken as its mean."""
+
+
+class Problem:
+    """The windows of all flights, stacked."""
+
+    def __init__(self, flights: Sequence[Flight], lab: Lab, prior: Array, spread: Array = SPREAD) -> None:
+        self.flights, self.lab, self.prior, self.spread = tuple(flights), lab, prior, spread
+        windows = [flight.windows for flight in flights]
+        self.y = np.concatenate([w.y for w in windows])
+        self.frames = np.concatenate([w.frames for w in windows])
+        self.weights = np.concatenate([w.weights for w in windows])
+        self.early = np.concatenate([w.early for w in windows])
+        self.start = np.concatenate([w.start for w in windows])
+        self.log_of: NDArray[np.int64] = np.repeat(np.arange(len(flights)), [len(w.first) for w in windows])
+        self.present = self.frames > 0
+        # Headings between poses, for the covariance alone.
+        self.yaw = np.stack([_filled(y[:, 3], seen) for y, seen in zip(self.y, self.present, strict=True)])
+
+    def initial(self) -> State:
+        """The prior's helicopter, with the first states that the poses suggest."""
+        theta = self.started(self.prior, self.spread)
+        return State(
+            theta,
+            np.zeros((len(self.flights), N_LOG)),
+            self.start.copy(),
+            np.log(noise.PRIOR),
+            (None,) * len(self.flights),
+        )
+
+    @staticmethod
+    def started(theta: Array, spread: Array) -> Array:
+        """Return a vector in which the free parameters without a slope at zero have left it."""
+        out = theta.copy()
+        for name, value in FIRST.items():
+            out[INDEX[name]] = value if spread[INDEX[name]] > FIXED else 0.0
+        return out
+
+    def predict(self, state: State) -> Array:
+        """Poses (w, BINS, 6) that a state predicts."""
+        return self.measured(self.simulated(state, state.theta[None], [0.0])[0], state)
+
+    def linearise(self, state: State) -> tuple[Array, Array, Array]:
+        """Predicted poses (w, BINS, 6), and their derivatives by theta and a log's nuisance, and by the first state."""
+        steps = np.array([STEPS.get(name, 1e-4) for name in NAMES])
+        free = np.flatnonzero(self.spread > FIXED)
+        n, m = 1 + len(free), 1 + len(free) + N_START - 3
+        variants = state.theta + np.vstack([np.zeros(N_THETA), np.diag(steps)[free], np.zeros(N_THETA)])
+        out = self.simulated(state, variants, [0.0] * n + [PHASE_STEP], START_STEP)
+        by_phase = (out[n] - out[0]) / PHASE_STEP
+        out = np.delete(out, n, axis=0)
+        by_theta = np.zeros((N_THETA, *out.shape[1:]))
+        by_theta[free] = (out[1:n] - out[0]) / steps[free, None, None, None]
+        by_start = (out[n:m] - out[0]) / START_STEP[3:, None, None, None]
+        by_push = (out[m:] - out[0]) / PUSH_STEP
+        by_place = np.zeros((3, *out.shape[1:]))
+        by_place[range(3), :, :, range(3)] = 1.0
+        jacobian = np.moveaxis(np.concatenate([by_theta, by_push, by_phase[None]]), 0, -1)
+        first = np.moveaxis(np.concatenate([by_place, by_start]), 0, -1)
+        h, lever = out[0], state.nuisance[self.log_of][:, LEVER]
+        turned = _lever_turned(h, lever)
+        for columns in (jacobian, first):
+            columns[..., :3, :] += np.einsum("wbij,wbjc->wbic", turned, columns[..., 3:, :])
+        of_log = np.concatenate(
+            [
+                jacobian[..., N_THETA:-1],
+                _by_tilt(h),
+                _by_lever(h),
+                jacobian[..., [INDEX["delay"]]],
+                jacobian[..., -1:],
+            ],
+            axis=-1,
+        )
+        seen = self.present[:, :, None, None]
+        jacobian = np.concatenate([jacobian[..., :N_THETA], of_log], axis=-1) * seen
+        return self.measured(h, state), jacobian, first * seen
+
+    def residual(self, predicted: Array) -> Array:
+        """Poses minus prediction; 0 where there is no pose."""
+        return (self.y - predicted) * self.present[..., None]
+
+    def measured(self, h: Array, state: State) -> Array:
+        """Return the poses of the markers (w, BINS, 6) from those of the centre of gravity."""
+        nuisance = state.nuisance[self.log_of]
+        out = h + np.einsum("wbic,wc->wbi", _by_tilt(h), nuisance[:, TILT])
+        out[..., :3] += np.einsum("wbic,wc->wbi", _by_lever(h)[..., :3, :], nuisance[:, LEVER])
+        return out
+
+    def simulated(
+        self, state: State, variants: Array, later: Sequence[float], start_steps: Array | None = None
+    ) -> Array:
+        """Return simulated poses (p, w, BINS, 6) of variants (p, n), with `later` frames (p,), s.
+
+        With `start_steps` (12,) the first state is varied too, and after it the push; the variants are then the nominal
+        vector, one for each free parameter, and one with later frames.
+        """
+        p, w = len(variants), len(self.log_of)
+        which = np.arange(p, dtype=np.int64)
+        if start_steps is not None:
+            # Most parameters move the helicopter under the same drive.
+            free = np.flatnonzero(self.spread > FIXED).tolist()
+            driven = [0, *(1 + free.index(INDEX[name]) for name in DRIVEN if INDEX[name] in free), p - 1]
+            which = np.zeros(p, np.int64)
+            which[driven] = np.arange(len(driven))
+        drive = self._drives(state, *zip(*[(variants[i], later[i]) for i in _firsts(which)], strict=True))
+        push = np.broadcast_to(state.nuisance[self.log_of][:, PUSH], (p, w, 3))
+        start = np.broadcast_to(state.start, (p, w, N_START))
+        if start_steps is not None:
+            extra = N_START - 3 + 3
+            variants = np.vstack([variants, np.broadcast_to(state.theta, (extra, N_THETA))])
+            which = np.concatenate([which, np.zeros(extra, np.int64)])
+            start, push = (np.concatenate([a, np.broadcast_to(a[0], (extra, *a.shape[1:]))]) for a in (start, push))
+            for i in range(3, N_START):
+                start[p + i - 3, :, i] += start_steps[i]
+            for i in range(3):
+                push[p + N_START - 3 + i, :, i] += PUSH_STEP
+        return simulate(Lanes(variants, start, push, drive, which), self.weights, self.early, self.lab)
+
+    def _drives(self, state: State, variants: Sequence[Array], later: Sequence[float]) -> Array:
+        out = np.empty((WINDOW_STEPS, len(variants), 4, len(self.log_of)))
+        at = 0
+        for i, flight in enumerate(self.flights):
+            rows = flight.windows.first[None, :] + np.arange(WINDOW_STEPS)[:, None]
+            count = rows.shape[1]
+            late = [theta + state.nuisance[i, LATE] * (np.arange(N_THETA) == INDEX["delay"]) for theta in variants]
+            framed = state.framed[i]
+            phases = [None if framed is None else framed + state.nuisance[i, PHASE] + more for more in later]
+            for j, drive in enumerate(drives_of(flight, late, phases)):
+                for k, channel in enumerate(drive):
+                    out[:, j, k, at : at + count] = channel[rows]
+            at += count
+        return out
+
+
+def _firsts(which: NDArray[np.int64]) -> list[int]:
+    """The first variant that uses each drive."""
+    return [int(np.argmax(which == drive)) for drive in range(int(which.max()) + 1)]
+
+
+def _filled(values: Array, seen: Array) -> Array:
+    i = np.arange(len(values))
+    return np.interp(i, i[seen], values[seen])
+
+
+def _by_tilt(h: Array) -> Array:
+    """Derivative (w, BINS, 6, 3) of a measured pose by a small tilt of the marker body about its own axes."""
+    pitch, roll = h[..., 4], h[..., 5]
+    sr, cr, tp, cp = np.sin(roll), np.cos(roll), np.tan(pitch), np.cos(pitch)
+    out = np.zeros((*h.shape, 3))
+    out[..., 3, 1], out[..., 3, 2] = sr / cp, cr / cp
+    out[..., 4, 1], out[..., 4, 2] = cr, -sr
+    out[..., 5, 0], out[..., 5, 1], out[..., 5, 2] = 1.0, tp * sr, tp * cr
+    return out
+
+
+def _by_lever(h: Array) -> Array:
+    """Derivative (w, BINS, 6, 3) of a measured pose by the place of the markers in the body."""
+    (sy, sp, sr), (cy, cp, cr) = (np.moveaxis(f(h[..., 3:]), -1, 0) for f in (np.sin, np.cos))
+    out = np.zeros((*h.shape, 3))
+    out[..., 0, :] = np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=-1)
+    out[..., 1, :] = np.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], axis=-1)
+    out[..., 2, :] = np.stack([-sp, cp * sr, cp * cr], axis=-1)
+    return out
+
+
+def _lever_turned(h: Array, lever: Array) -> Array:
+    """Derivative (w, BINS, 3, 3) of the markers' position by yaw, pitch and roll."""
+    base, out = _by_lever(h)[..., :3, :], np.empty((*h.shape[:2], 3, 3))
+    for i in range(3):
+        moved = h.copy()
+        moved[..., 3 + i] += 1e-5
+        out[..., i] = np.einsum("wbic,wc->wbi", (_by_lever(moved)[..., :3, :] - base) / 1e-5, lever)
+    return out
+
+
+def columns(log: int) -> NDArray[np.int64]:
+    """The places of theta and of a log's nuisance in the vector of all unknowns."""
+    return np.concatenate([np.arange(N_THETA), N_THETA + log * N_LOG + np.arange(N_LOG)])
