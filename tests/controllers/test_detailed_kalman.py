@@ -16,6 +16,10 @@ def test_walks_spread_with_the_time():
     walks = [0, 1, 2, 3, 5, 6]
     np.testing.assert_allclose(one[:, walks, walks], [np.square(plane) * 0.02] * 2, rtol=1e-12)
     np.testing.assert_allclose(two[:, walks, walks], 2.0 * one[:, walks, walks], rtol=1e-12)
+    # A stationary gust: what fades of it in that time comes back as noise.
+    model = DetailedModel()
+    gusts = np.square(model.gust_acceleration) * (1.0 - np.exp(-2.0 * 0.02 / model.gust_time))
+    np.testing.assert_allclose(one[:, 4, 4], gusts, rtol=1e-12)
     expected = np.square([[spec.climb_walk, spec.lift_walk], [spec.yaw_rate_walk, spec.yaw_push_walk]]) * 0.02
     np.testing.assert_allclose(chains[:, [1, 2], [1, 2]], expected, rtol=1e-12)
     np.testing.assert_allclose(twice[:, [1, 2], [1, 2]], 2.0 * expected, rtol=1e-12)

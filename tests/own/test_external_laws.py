@@ -478,3 +478,13 @@ def test_any_law_that_can_be_closed_is_closed(error: type[BaseException]) -> Non
     with pytest.raises(error):
         Flight(replace(load("lab", SHORT[:2]), controller=law), plant, recorder).run()
     assert [law] == RELEASED
+
+
+@pytest.mark.parametrize(
+    ("mode", "may_be_run"), [(0o644, False), (0o666, False), (0o744, True), (0o654, True), (0o645, True)]
+)
+def test_a_file_that_anybody_may_run_is_sent_as_one(tmp_path, mode, may_be_run):
+    file = tmp_path / "law"
+    file.write_bytes(b"#!/bin/sh\n")
+    file.chmod(mode)
+    assert programs._file(0, file) == (0, may_be_run, b"#!/bin/sh\n")
