@@ -28,7 +28,8 @@ def _steps_of(controller: Any, law: Any, count: int) -> tuple[list[Array], list[
     preview = ReferencePreview(Hover(), law.model, period, 0, flat_derivatives(law))
     plant = Ideal(step=law.period).start(state(Hover().flat(np.zeros(1)))[0])
     # What the law reads beyond the physical states is at rest.
-    further = np.zeros(len(law.estimated_states)) if isinstance(law, StateReader) else NO_STATES
+    reader: object = law
+    further = np.zeros(len(reader.estimated_states)) if isinstance(reader, StateReader) else NO_STATES
     sent, given = [], []
     for k in range(count):
         now = k * period

@@ -19,6 +19,10 @@ from heli_twin.lab.plant.ideal import Ideal
 from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.reanalysis.resolve import resolve, write
 from heli_twin.recording import Recorder
+from heli_twin.viewing.blueprint import Scales
+from heli_twin.viewing.entities import rows
+from heli_twin.viewing.live import Destination, show
+from heli_twin.viewing.show import scales_of
 from tests.own.detailed import DerivativeLaw, Everywhere, Tilted, Whirl
 from tests.own.helix import Helix
 
@@ -188,3 +192,11 @@ def test_a_flight_hands_on_where_the_others_are() -> None:
         flight.run()
         recorder.close("completed", 1)
     assert (recorder.log().disturbance.wind[:, 2] == -0.5).all()
+
+
+def test_further_states_are_drawn_live_and_from_the_log(detailed: Any, tmp_path: Path) -> None:
+    for scales in (scales_of(detailed.experiment), Scales().for_log(detailed.log)):
+        shown = {entity for entity, times, _ in rows(detailed.log, scales) if len(times)}
+        assert {"states/roll/estimate", "states/pitch/estimate"} <= shown
+    show(detailed.log, Destination(file=tmp_path / "flight.rrd"), scales_of(detailed.experiment))
+    assert (tmp_path / "flight.rrd").stat().st_size > 0
