@@ -112,6 +112,12 @@ def run_(parsed: Namespace) -> int:
         stop.add_note(f"what was flown is kept in {out}, and the same command goes on")
         raise
     say(_summary(count, out))
+    if study.margins:
+        from heli_twin.studies.report.loop_margins import FILE, measure_margins
+
+        if not (out / FILE).exists():
+            say("measuring the stability margins of each alternative")
+            measure_margins(out)
     if not parsed.no_report:
         from heli_twin.studies.report import write_report
 

@@ -61,6 +61,7 @@ class Study:
         "rmse.yaw",
         "max_abs_error.position",
     )
+    margins: Annotated[bool, doc("measure the stability margins of each alternative, a hover of 51 s each")] = False
     tuning: Annotated[
         tuple[Tree, ...], doc("records of how controllers were tuned, as `heli-twin tune --save` leaves them")
     ] = ()

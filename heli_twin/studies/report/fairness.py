@@ -1,10 +1,13 @@
-"""Facts for a fair comparison: the origin of each controller's gains, and the model that it believes."""
+"""Facts for a fair comparison: the origin of each controller's gains, the model that it believes, its margins."""
 
 from collections.abc import Iterator
+from math import isfinite
 
 from heli_twin.experiment.tree import ExperimentError, experiment_of
+from heli_twin.metrics.margins import AXES, Margins
 from heli_twin.reporting.figure import Table
 from heli_twin.studies.plan import alternatives_of
+from heli_twin.studies.report.loop_margins import read_margins
 from heli_twin.studies.report.results import Results
 from heli_twin.studies.space import varied
 from heli_twin.tuning.record import origin
@@ -26,3 +29,28 @@ def fairness(results: Results) -> Iterator[Table]:
         except ExperimentError:
             rows.append([name, "a class of the user's own, which this report was written without"])
     yield Table("Fairness", FAIRNESS_SENTENCE, ["", "controller, and where its gains come from"], rows)
+
+
+MARGINS_SENTENCE = (
+    "The gain margin is the factor on a stick's effect at which the loop becomes unstable, the delay margin the "
+    "further delay at which it does, and Ms the factor by which the loop amplifies a disturbance at its worst "
+    "frequency: below 2 is robust, above 3 is near a limit cycle. Measured in flight, in still air, on each "
+    "alternative as it begins. A law that errs less at a smaller margin is not better."
+)
+
+
+def stability(results: Results) -> Iterator[Table]:
+    """Yield the table of each alternative's margins, where the study has measured them."""
+    header = ["", *(f"{axis}: gain margin, delay margin, Ms" for axis in AXES)]
+    rows = [
+        [name, *([of_law] + [""] * 3 if isinstance(of_law, str) else [_cell(of_law[axis]) for axis in AXES])]
+        for name, of_law in read_margins(results.folder).items()
+    ]
+    if rows:
+        yield Table("Margins", MARGINS_SENTENCE, header, rows)
+
+
+def _cell(m: Margins) -> str:
+    gain = f"{m.gain:.2f}" if isfinite(m.gain) else "any"
+    delay = f"{1e3 * m.delay:.0f} ms" if isfinite(m.delay) else "any"
+    return f"{gain}, {delay}, {m.peak_sensitivity:.2f}"

@@ -11,7 +11,7 @@ from heli_twin.reporting.html_page import Section, html_page, json_block, table_
 from heli_twin.reporting.svg import write_svg
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.report.effort import effort, timing
-from heli_twin.studies.report.fairness import fairness
+from heli_twin.studies.report.fairness import fairness, stability
 from heli_twin.studies.report.ladder import ladder
 from heli_twin.studies.report.maps import maps
 from heli_twin.studies.report.margins import margins
@@ -23,7 +23,21 @@ from heli_twin.studies.report.tornado import tornado
 from heli_twin.studies.report.verdict import verdict
 from heli_twin.whole_file import whole_file, write_whole
 
-SECTIONS = (verdict, ladder, tornado, maps, margins, sensitivity, search, effort, timing, worst, fairness, provenance)
+SECTIONS = (
+    verdict,
+    stability,
+    ladder,
+    tornado,
+    maps,
+    margins,
+    sensitivity,
+    search,
+    effort,
+    timing,
+    worst,
+    fairness,
+    provenance,
+)
 """The sections of a report in their order; one that does not fit the study yields nothing."""
 
 OF_WHOLE_DESIGNS = (ladder, tornado, maps, margins, sensitivity, search)
