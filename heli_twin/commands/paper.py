@@ -54,7 +54,7 @@ def show(claims: "Sequence[Claim]") -> None:
     from rich.table import Table
     from rich.text import Text
 
-    colors = {"reproduced": "green", "not reproduced": "red", "not comparable": "dim"}
+    colors = {"reproduced": "green", "fitted": "yellow", "not reproduced": "red", "not comparable": "dim"}
     table = Table(show_lines=False)
     for column in ("claim", "paper", "ours", "verdict"):
         table.add_column(column)

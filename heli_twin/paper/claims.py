@@ -13,18 +13,21 @@ from heli_twin.identification.identify import Identified
 from heli_twin.lab.disturbances.bias import Bias
 from heli_twin.metrics.tracking import milliseconds
 from heli_twin.paper.comparison import DEGREES, comparison, judged
-from heli_twin.paper.flights import CASES, Flights
+from heli_twin.paper.flights import CASES, SIMULATED_DELAYS_MS, Flights, simulated
+from heli_twin.paper.host import Host
 from heli_twin.paper.verdicts import (
     APPROXIMATE_FACTOR,
     IDENTIFIED_FACTOR,
     SAME_ORDER_FACTOR,
     SMALL_HEADING_RAD,
+    SMALL_SCATTER_RAD,
     Claim,
     Verdict,
     all_of,
     apart,
     below,
     exact,
+    fitted,
     within,
 )
 from heli_twin.recording.log import Timings
@@ -40,6 +43,11 @@ HOVER_MAX_M, CIRCLE_MAX_M = (0.055, 0.04), (0.04, 0.085)
 """m, x and y: largest deviations on the testbed."""
 SOLVE_MS = (5.0, 7.0)
 PERIOD_MS = 20.0
+SIMULATED = simulated(40)
+"""The case that is shown as Fig. 3."""
+FITTED_GUST = (
+    "Fitted: the strength of the gust, which the paper does not print, was chosen because it gives this error."
+)
 TESTBED_CASES = ("hover", "circle", "pirouette", "wheel", "turning")
 
 
@@ -58,21 +66,31 @@ def largest(flights: Flights, case: str, axis: str) -> Interval:
 
 
 def _simulation(flights: Flights) -> Iterator[Claim]:
-    cases = ("simulated", "simulated_undelayed")
-    x, y = (largest(flights, cases[0], axis) for axis in "xy")
-    undelayed = [number(CM * largest(flights, cases[1], axis).value, 2) for axis in "xy"]
-    verdict = all_of([within(a, paper, APPROXIMATE_FACTOR) for a, paper in zip((x, y), SIMULATED_MAX_M, strict=True)])
-    why = (
-        "With poses 40 ms old taken for new, a reading: the paper does not print what its simulation contained; "
-        f"without any delay the same one deviates by {' / '.join(undelayed)} cm."
-    )
+    cases = [*(simulated(delay) for delay in SIMULATED_DELAYS_MS), "simulated_undelayed"]
+    x, y = (largest(flights, SIMULATED, axis) for axis in "xy")
+    near = [within(a, paper, APPROXIMATE_FACTOR) for a, paper in zip((x, y), SIMULATED_MAX_M, strict=True)]
+    why = f"Fitted: {fitted_delay(flights)}"
     text = "Fig. 3, simulated circle: largest deviation in x / y"
-    yield judged(flights, cases, Claim(text, _pair(SIMULATED_MAX_M), _two(x, y), verdict, why))
-    yield _heading(flights, "simulated", "Fig. 3, simulated circle: heading tracked very well")
+    yield judged(flights, cases, Claim(text, _pair(SIMULATED_MAX_M), _two(x, y), fitted(all_of(near)), why))
+    yield _heading(flights, SIMULATED, "Fig. 3, simulated circle: heading tracked very well")
+
+
+def fitted_delay(flights: Flights) -> str:
+    """Say how the delay of the simulation came about, with the errors of other delays."""
+
+    def pair(case: str) -> str:
+        return " / ".join(number(CM * largest(flights, case, axis).value, 2) for axis in "xy") + " cm"
+
+    delays = ", ".join(f"{delay} ms: {pair(simulated(delay))}" for delay in SIMULATED_DELAYS_MS)
+    return (
+        "the paper does not print what its simulation contained. Poses 40 ms old, taken for new, were chosen because"
+        f" they give its error ({delays}; no delay: {pair('simulated_undelayed')})."
+    )
 
 
 def _testbed(flights: Flights) -> Iterator[Claim]:
-    yield _maxima(flights, "hover", HOVER_MAX_M, "Fig. 4, hover: largest deviation in x / y")
+    hover = _maxima(flights, "hover", HOVER_MAX_M, "Fig. 4, hover: largest deviation in x / y")
+    yield hover._replace(verdict=fitted(hover.verdict), why=f"{FITTED_GUST} {hover.why}")
     yield _offset(flights)
     yield _maxima(flights, "circle", CIRCLE_MAX_M, "Fig. 5, circle: largest deviation in x / y")
     yield _heading(flights, "circle", "Fig. 5, circle: heading tracked very well")
@@ -102,12 +120,16 @@ def _maxima(flights: Flights, case: str, paper: tuple[float, float], text: str) 
 
 def _heading(flights: Flights, case: str, text: str) -> Claim:
     yaw = largest(flights, case, "yaw")
-    bias, spread = (DEGREES * float(flights.values(case, f"{name}.yaw").mean()) for name in ("bias", "spread"))
+    bias, spread = (float(flights.values(case, f"{name}.yaw").mean()) for name in ("bias", "spread"))
     why = (
-        f"The paper prints no number; below {DEGREES * SMALL_HEADING_RAD:g} deg at all times is taken for it. "
-        f"On average {bias:.2f} deg off, with a scatter of {spread:.2f} deg in flight."
+        f"The paper prints no number; below {DEGREES * SMALL_HEADING_RAD:g} deg at all times, with a scatter below "
+        f"{DEGREES * SMALL_SCATTER_RAD:g} deg rms in flight, is taken for it. "
+        f"On average {DEGREES * bias:.2f} deg off, with a scatter of {DEGREES * spread:.2f} deg."
     )
-    claim = Claim(text, "very well", interval(yaw, DEGREES, "deg"), below(yaw, SMALL_HEADING_RAD), why)
+    if CASES[case].once and spread >= SMALL_SCATTER_RAD:
+        why += " Nothing in this flight is random: the heading is in a limit cycle, for which the delay is long enough."
+    verdict = all_of([below(yaw, SMALL_HEADING_RAD), below(exact(spread), SMALL_SCATTER_RAD)])
+    claim = Claim(text, "very well", interval(yaw, DEGREES, "deg"), verdict, why)
     return judged(flights, [case], claim)
 
 
@@ -147,7 +169,7 @@ def _parameters(found: Identified | None) -> Claim:
     return Claim(text, "(27)", ours, all_of([row[3] for row in rows]), why)
 
 
-def timing_claims(timing: Timings, processor: str) -> Iterator[Claim]:
+def timing_claims(timing: Timings, host: Host) -> Iterator[Claim]:
     """The claims about computing time: measured on this host, different every time."""
     solve, step = milliseconds(timing.solve_ns), milliseconds(timing.control_step_ns)
     p50, p99, whole = (value or np.nan for value in (solve["p50"], solve["p99"], step["p99"]))
@@ -157,15 +179,17 @@ def timing_claims(timing: Timings, processor: str) -> Iterator[Claim]:
         f"median {number(p50)} ms, 99 % {number(p99)} ms",
         "not comparable",
         f"{number(SOLVE_MS[0] / p50, 2)} to {number(SOLVE_MS[1] / p50, 2)} times faster in the median, "
-        f"but by another solver (ProxQP for CVXGEN) on another processor ({processor}).",
+        f"but by another solver (ProxQP for CVXGEN) on another processor ({host.processor}).{host.warning()}",
     )
+    in_time = below(exact(whole), 0.5 * PERIOD_MS)
     yield Claim(
         "Solved well within the sampling period",
         f"{PERIOD_MS:g} ms",
         f"whole control step: median {number(step['p50'] or np.nan)} ms, 99 % {number(whole)} ms",
-        below(exact(whole), 0.5 * PERIOD_MS),
+        # A step that is late on a busy host may be in time on a free one.
+        "not comparable" if host.busy and in_time == "not reproduced" else in_time,
         f"Linearising, condensing and solving take {number(100 * whole / PERIOD_MS, 2)} % of the period in the "
-        "99th percentile; half of it counts as well within.",
+        f"99th percentile; half of it counts as well within.{host.warning()}",
     )
 
 

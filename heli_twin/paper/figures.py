@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from controllers.signals import Array
-from heli_twin.paper.claims import CM
+from heli_twin.paper.claims import CM, FITTED_GUST, SIMULATED, fitted_delay
 from heli_twin.paper.comparison import DEGREES
 from heli_twin.paper.curves import TIME_LABEL, Shown, circle_figure, error_of, hover_figure, others_figure
 from heli_twin.paper.flights import CASES, THRUST_DEFICITS, Flights, weak
@@ -16,9 +16,10 @@ from heli_twin.reporting.words import metric, number
 
 def figures(flights: Flights) -> Iterator[Shown]:
     """All figures but that of measured times."""
-    simulated = ("simulated", "simulated_undelayed", "circle")
-    yield circle_figure(flights, "fig3", "Fig. 3: a circle in simulation, and on the twin", simulated)
-    yield hover_figure(flights)
+    simulation = (SIMULATED, "simulated_undelayed", "circle")
+    circles = circle_figure(flights, "fig3", "Fig. 3: a circle in simulation, and on the twin", simulation)
+    yield _with_note(circles, f"The delay is fitted: {fitted_delay(flights)}")
+    yield _with_note(hover_figure(flights), FITTED_GUST)
     yield circle_figure(flights, "fig5", "Fig. 5: a circle on the twin", ("circle",))
     yield _average_errors(flights)
     yield _what_it_takes(flights)
@@ -26,6 +27,11 @@ def figures(flights: Flights) -> Iterator[Shown]:
     yield _height(flights)
     yield _coupling(flights)
     yield others_figure(flights)
+
+
+def _with_note(shown: Shown, note: str) -> Shown:
+    """Add a sentence below the title of a figure."""
+    return shown._replace(figure=shown.figure._replace(sentence=f"{shown.figure.sentence} {note}"))
 
 
 def _dots(
@@ -51,7 +57,7 @@ def _beside(labels: Sequence[str], names: Sequence[str], dots: Sequence[Dots]) -
 
 
 def _average_errors(flights: Flights) -> Shown:
-    cases = ("circle", "circle_pid", "circle_flat")
+    cases = ("circle", "circle_pid", "circle_error", "circle_flat")
     labels = [CASES[case].label for case in cases]
     panels: list[Panel] = []
     for state in ("x", "y", "z", "yaw"):
@@ -65,8 +71,8 @@ def _average_errors(flights: Flights) -> Shown:
 
 def _what_it_takes(flights: Flights) -> Shown:
     cases = (
-        *("circle", "circle_free", "circle_riccati", "circle_both"),
-        *("circle_flat", "circle_flat_unrolled", "circle_flat_zn", "circle_pid"),
+        *("circle", "circle_unrolled", "circle_free", "circle_riccati", "circle_both", "circle_detailed"),
+        *("circle_flat", "circle_flat_soft", "circle_flat_unrolled", "circle_flat_zn", "circle_error", "circle_pid"),
     )
     dots = _dots(flights, cases, "mse.position", CM, np.sqrt)
     panels = [Panel("", "rms position error, cm", "", [dots], x_log=True)]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,18 +18,27 @@ from heli_twin.recording import Log, read_log
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.designs import Row
 from heli_twin.terminal_text import pasteable
+from heli_twin.workers.engine import Work
 from heli_twin.workers.task import Flown, Task
 
 PID = ("controller=pid",)
+ERROR_RATE = (*PID, "controller.derivative=error")
 FLAT = (*PID, "controller.feed_forward=flat")
+RICCATI = ("controller.terminal=riccati",)
+DETAILED = ("estimator=detailed_kalman", "controller=detailed_mpc")
+UNROLLED = ("estimator.roll_forward=false",)
 ZIEGLER_NICHOLS = (
     *("controller.p_x=0.96", "controller.i_x=0.27", "controller.d_x=0.43"),
     *("controller.p_y=0.78", "controller.i_y=0.20", "controller.d_y=0.38"),
 )
 """Ziegler and Nichols' rules on the twin, without the fine-tuning; see controllers.laws.pid."""
+GAINS_OF_THE_MPC = (
+    *("controller.p_x=2.58", "controller.d_x=1.28", "controller.p_y=2.67", "controller.d_y=1.34"),
+    *("controller.p_yaw=0.567", "controller.d_yaw=0.356"),
+)
+"""The PID with the present response of the paper's MPC to an error in x, y and heading; see `gains`."""
 TURNING = ("trajectory=pirouette_circle",)
-LATE = ("mocap.latency=0.04", "estimator.roll_forward=false")
-"""Poses 40 ms old, taken for new."""
+HOVER = ("trajectory=hover",)
 LAB = "lab_simple"
 """Preset of the lab that the paper is judged in."""
 WHY_THIS_LAB = (
@@ -37,6 +47,13 @@ WHY_THIS_LAB = (
     " alone gives a helicopter whose identification does not return (27). In both labs the strength of the gust is"
     " fitted to the hover of Fig. 4."
 )
+SIMULATED_DELAYS_MS = (30, 40, 50)
+"""Ages of poses that are taken for new in the simulation: 40 ms is chosen for the paper's error."""
+ATTITUDES = (10, 18)
+"""rad/s: the published range of the frequency of pitch; the labs' helicopter has 14."""
+ATTITUDE = 14
+FEW_SEEDS = 3
+"""Flights of each case that shows how errors change with the helicopter."""
 THRUST_DEFICITS = (0.05, 0.10)
 """Shares by which the thrust gain falls short of what the controllers believe."""
 
@@ -47,8 +64,17 @@ class Case(NamedTuple):
     label: str
     changes: tuple[str, ...] = ()
     preset: str = LAB
-    once: bool = False
-    """True if there is no chance in it, so that one flight is enough."""
+    most: int | None = None
+    """Fly no more seeds than these; 1 where there is no chance in it."""
+
+    @property
+    def once(self) -> bool:
+        """Return whether there is no chance in it, so that one flight is enough."""
+        return self.most == 1
+
+    def seeds(self, wanted: int) -> range:
+        """Its seeds."""
+        return range(wanted if self.most is None else min(wanted, self.most))
 
     def experiment(self, seed: int, duration: float) -> Experiment:
         """The experiment of one of its flights."""
@@ -67,25 +93,54 @@ def weak(share: float, kind: str = "") -> str:
 
 def _weak(share: float, *changes: str) -> Case:
     gain = f"plant.thrust_gain={(1.0 - share) * MuJoCo().thrust_gain:.6g}"
-    names = {"": "MPC", "controller=pid": "PID", "controller.offset_free=z": "MPC, offset-free in z"}
+    names = {
+        "": "MPC",
+        "controller=pid": "PID",
+        "controller=pid controller.i_z=0": "PID without integral in z",
+        "controller.offset_free=z": "MPC, offset-free in z",
+    }
     return Case(f"{names[' '.join(changes)]}, thrust {100 * share:g} % low", (gain, *changes))
 
 
+def simulated(delay_ms: int) -> str:
+    """The case of a simulated circle with an unknown delay."""
+    return f"simulated{delay_ms}"
+
+
+def _simulated(delay_ms: int) -> Case:
+    late = (f"mocap.latency={1e-3 * delay_ms:g}", *UNROLLED)
+    return Case(f"simulation, {delay_ms} ms unknown delay", late, "ideal", most=1)
+
+
+def at_attitude(case: str, frequency: int) -> str:
+    """The case of a law on a helicopter with another frequency of pitch and roll."""
+    return case if frequency == ATTITUDE else f"{case}_at{frequency}"
+
+
 CASES = {
-    "simulated": Case("simulation, 40 ms unknown delay", LATE, "ideal", once=True),
-    "simulated_undelayed": Case("simulation, no delay", (), "ideal", once=True),
-    "hover": Case("MPC, hover", ("trajectory=hover",)),
-    "hover_pid": Case("PID, hover", (*PID, "trajectory=hover")),
+    **{simulated(delay): _simulated(delay) for delay in SIMULATED_DELAYS_MS},
+    "simulated_undelayed": Case("simulation, no delay", (), "ideal", most=1),
+    "hover": Case("MPC, hover", HOVER),
+    "hover_pid": Case("PID, hover", (*PID, *HOVER)),
+    "hover_riccati": Case("MPC, Riccati terminal weight, hover", (*RICCATI, *HOVER)),
+    "hover_detailed": Case("detailed MPC, hover", (*DETAILED, *HOVER)),
+    "real_hover": Case("MPC, hover, lab", HOVER, "lab"),
+    "real_hover_riccati": Case("MPC, Riccati terminal weight, hover, lab", (*RICCATI, *HOVER), "lab"),
+    "real_hover_detailed": Case("detailed MPC, hover, lab", HOVER, "detailed"),
     "circle": Case("MPC"),
     "circle_pid": Case("PID, feedback only", PID),
+    "circle_error": Case("PID, feedback only, derivative of the error", ERROR_RATE),
     "circle_flat": Case("PID + feed-forward", FLAT),
+    "circle_flat_soft": Case("PID + feed-forward, gains of the MPC", (*FLAT, *GAINS_OF_THE_MPC)),
     "circle_flat_zn": Case("PID + feed-forward, Z-N gains", (*FLAT, *ZIEGLER_NICHOLS)),
-    "circle_flat_unrolled": Case("PID + feed-forward, no roll-forward", (*FLAT, "estimator.roll_forward=false")),
+    "circle_flat_unrolled": Case("PID + feed-forward, no roll-forward", (*FLAT, *UNROLLED)),
+    "circle_unrolled": Case("MPC, no roll-forward", UNROLLED),
     "circle_flat_exact": Case("PID + feed-forward, exact orientation", (*FLAT, "mocap.orientation_noise=0")),
     "circle_exact": Case("MPC, exact orientation", ("mocap.orientation_noise=0",)),
-    "circle_riccati": Case("MPC, Riccati terminal weight", ("controller.terminal=riccati",)),
+    "circle_riccati": Case("MPC, Riccati terminal weight", RICCATI),
     "circle_free": Case("MPC, offset-free", ("controller.offset_free=all",)),
-    "circle_both": Case("MPC, Riccati and offset-free", ("controller.terminal=riccati", "controller.offset_free=all")),
+    "circle_both": Case("MPC, Riccati and offset-free", (*RICCATI, "controller.offset_free=all")),
+    "circle_detailed": Case("detailed MPC", DETAILED),
     "circle_full": Case("MPC, full coupling", ("controller.coupling=full",)),
     "fixed": Case("MPC, nose north", ("trajectory.heading=fixed",)),
     "fixed_pid": Case("PID, feedback only, nose north", (*PID, "trajectory.heading=fixed")),
@@ -98,9 +153,22 @@ CASES = {
     "wheel_pid": Case("PID, ferris wheel", (*PID, "trajectory=ferris_wheel")),
     **{weak(share): _weak(share) for share in THRUST_DEFICITS},
     **{weak(share, "_pid"): _weak(share, *PID) for share in THRUST_DEFICITS},
+    **{weak(share, "_pid_blind"): _weak(share, *PID, "controller.i_z=0") for share in THRUST_DEFICITS},
     **{weak(share, "_free"): _weak(share, "controller.offset_free=z") for share in THRUST_DEFICITS},
 }
 """Everything that is flown for the figures and the table, by a name for files. PID is fed back only where not said."""
+LAWS = ("circle", "circle_riccati", "circle_detailed", "circle_pid", "circle_error", "circle_flat")
+"""The control laws that are compared, by the circle they fly."""
+HOVERED = ("hover", "hover_riccati", "hover_detailed")
+CASES |= {
+    at_attitude(case, frequency): Case(
+        f"{CASES[case].label}, attitude {frequency} rad/s",
+        (*CASES[case].changes, f"plant.attitude_frequency={frequency}"),
+        most=FEW_SEEDS,
+    )
+    for case in (*LAWS, *HOVERED)
+    for frequency in ATTITUDES
+}
 
 
 class Flights:
@@ -141,7 +209,7 @@ def tasks(seeds: int, duration: float, names: Sequence[str]) -> Iterator[Task]:
     """The flights of some cases; the log of the first of each is kept."""
     for name in names:
         case = CASES[name]
-        for seed in range(1 if case.once else seeds):
+        for seed in case.seeds(seeds):
             text = canonical_json(case.experiment(seed, duration))
             yield Task(f"{name}-seed{seed}", text, "", keep_log=seed == 0, keep_failed=False, keep_above=None)
 
@@ -155,8 +223,15 @@ def identification_tasks() -> Iterator[Task]:
         yield Task(f"identify-{number}", text, "", keep_log=True, keep_failed=True, keep_above=None)
 
 
-def fly_all(folder: Path, flights: Sequence[Task], progress: Callable[[], None] = lambda: None) -> dict[str, Row]:
+def fly_all(
+    folder: Path, jobs: Sequence[tuple[Work, Sequence[Task]]], progress: Callable[[], None] = lambda: None
+) -> dict[str, Row]:
     """Fly on all cores; logs go to `folder/logs`. Ctrl-C and SIGTERM end the workers.
+
+    Args:
+        folder: For the logs.
+        jobs: What a worker does with a task, such as `fly_task`, and the tasks.
+        progress: Called when a task is done.
 
     Returns:
         The row of each flight, by the id of its task. One whose process died is a failed flight.
@@ -168,7 +243,7 @@ def fly_all(folder: Path, flights: Sequence[Task], progress: Callable[[], None] 
 
     rows: dict[str, Row] = {}
     with stoppable(), PebblePool() as pool:
-        for done in flown(pool, fly_task, flights):
+        for done in chain.from_iterable(flown(pool, work, tasks) for work, tasks in jobs):
             if isinstance(done.result, Trouble):
                 rows[done.task.id] = {"outcome": done.result.outcome, "outcome_text": done.result.text}
             else:
@@ -192,13 +267,15 @@ def fly_task(task: Task) -> Flown:
 
 
 def activity(log: Log) -> dict[str, float]:
-    """Means of the planar inputs, rms of the yaw input and of its change per control step, from `SETTLING_S` on."""
+    """Means and deviations of the planar inputs, rms of the yaw input and of its change per control step, from `SETTLING_S` on."""
     u = log.sent.u[1e-9 * log.sent.time >= SETTLING_S]
     if len(u) < 2:
         return {}
     return {
         "mean.u_x": float(u[:, 0].mean()),
         "mean.u_y": float(u[:, 1].mean()),
+        "std.u_x": float(u[:, 0].std()),
+        "std.u_y": float(u[:, 1].std()),
         "rms.u_yaw": float(np.sqrt(np.mean(u[:, 3] ** 2))),
         "step.u_yaw": float(np.sqrt(np.mean(np.diff(u[:, 3]) ** 2))),
     }

@@ -12,8 +12,9 @@ import numpy as np
 from controllers.signals import Array
 from heli_twin.reporting.intervals import Interval, paired_interval
 
-Verdict = Literal["reproduced", "not reproduced", "not comparable"]
-Answer = Literal["yes", "no", "unknown"]
+Verdict = Literal["reproduced", "fitted", "not reproduced", "not comparable"]
+"""`fitted`: as the paper's number, because a value that the paper does not print was chosen for it."""
+Answer = Literal["yes", "no", "turns round", "unknown"]
 
 SAME_ORDER_FACTOR = 2.0
 """Numbers within this factor are of the same order: the helicopter and the room are not the paper's."""
@@ -23,6 +24,8 @@ SIGNIFICANT_SHARE = 0.1
 """A difference below this share of the value compared with is not "significant"."""
 SMALL_HEADING_RAD = float(np.radians(5.0))
 """A heading error that cannot be seen in a plot over a whole turn; the paper has no number."""
+SMALL_SCATTER_RAD = float(np.radians(1.0))
+"""A heading that scatters more about its mean, rms in flight, swings: it is not tracked very well."""
 IDENTIFIED_FACTOR = 1.05
 """A parameter within this factor of the truth counts as identified."""
 
@@ -83,7 +86,7 @@ def smaller(a: Array, b: Array, share: float = SIGNIFICANT_SHARE) -> tuple[Verdi
 
 def all_of(verdicts: Iterable[Verdict]) -> Verdict:
     """The verdict on a claim of several numbers."""
-    order: tuple[Verdict, ...] = ("not comparable", "not reproduced", "reproduced")
+    order: tuple[Verdict, ...] = ("not comparable", "not reproduced", "fitted", "reproduced")
     return min(verdicts, key=order.index)
 
 
@@ -99,11 +102,27 @@ def in_words(difference: Interval, other: Array) -> str:
     return "smaller" if difference.high < -share else f"smaller, but not surely by {100 * SIGNIFICANT_SHARE:g} %"
 
 
-def explains(effect: float, without: float) -> Answer:
-    """Say whether at least half of an effect vanishes without a suspected cause."""
-    if not np.isfinite([effect, without]).all() or effect <= 0.0:
+def fitted(verdict: Verdict) -> Verdict:
+    """The verdict on a number that a value was chosen for: it cannot be reproduced any more."""
+    return "fitted" if verdict == "reproduced" else verdict
+
+
+def explains(effect: float, *left: float) -> Answer:
+    """Say whether a suspected cause explains a difference between two controllers.
+
+    Args:
+        effect: The difference that is to be explained.
+        left: What is left of it where the cause is taken away, and where the rival has the cause too.
+
+    Returns:
+        `yes` if each time the two come together: at most half of the difference is left, with either sign. `turns
+        round` if one overtakes the other by more than that: something else is at work too.
+    """
+    if not np.isfinite([effect, *left]).all() or effect <= 0.0:
         return "unknown"
-    return "yes" if without <= 0.5 * effect else "no"
+    if min(left) < -0.5 * effect:
+        return "turns round"
+    return "yes" if max(left) <= 0.5 * effect else "no"
 
 
 def _known(found: Interval) -> bool:

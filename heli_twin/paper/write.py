@@ -3,18 +3,24 @@
 Source: Kunz, Huck, Summers, "Fast Model Predictive Control of Miniature Helicopters", ECC 2013.
 """
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from time import perf_counter, process_time
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.identification.identify import Identified, identify
+from heli_twin.paper.beyond import beyond_figure, beyond_table
+from heli_twin.paper.baselines import baselines_table
 from heli_twin.paper.causes import causes
 from heli_twin.paper.claims import claims, parameter_rows, timing_claims
 from heli_twin.paper.curves import Shown, times_figure
 from heli_twin.paper.figures import figures
-from heli_twin.paper.flights import CASES, WHY_THIS_LAB, Flights, fly_all, identification_tasks, tasks
+from heli_twin.paper.flights import CASES, WHY_THIS_LAB, Flights, fly_all, fly_task, identification_tasks, tasks
 from heli_twin.paper.gains import gains_table
+from heli_twin.paper.host import Host, load_average
 from heli_twin.paper.page import STYLE, claims_section, figure_section, flown_table
+from heli_twin.paper.robustness import Loops, margin_tasks, measure_margins, robustness_table
 from heli_twin.paper.verdicts import Claim
 from heli_twin.recording import read_log
 from heli_twin.recording.log import Timings
@@ -34,7 +40,7 @@ def write_paper(
     seeds: int = DEFAULT_SEEDS,
     *,
     duration: float = 30.0,
-    identification: bool = True,
+    alone: bool = False,
     progress: CountProgress = lambda done, total: None,
 ) -> list[Claim]:
     """Fly everything and write `paper.html`, the figures and the logs.
@@ -43,7 +49,7 @@ def write_paper(
         out: Folder for them.
         seeds: How many flights of each case; means need two for an interval, medians six.
         duration: Of each flight, s.
-        identification: Fly the doublets too, and identify (27).
+        alone: Fly the cases alone: no doublets that identify (27), and no margins.
         progress: Told of every flight that is over.
 
     Returns:
@@ -57,19 +63,20 @@ def write_paper(
             f"--seeds {seeds}: fly at least one seed, two for intervals of means and six for those of"
             f" medians (default: {DEFAULT_SEEDS})"
         )
+    load = load_average()
     try:
         out.mkdir(parents=True, exist_ok=True)
-        flights, doublets = _fly(out, seeds, duration, identification, progress)
+        flights, loops, doublets = _fly(out, seeds, duration, alone, progress)
         found = identify((str(path), read_log(path)) for path in doublets) if doublets else None
         judged = list(claims(flights, found))
-        timing, processor = _timing(duration)
-        sections = _sections(flights, found, judged, seeds, duration)
-        measured = _measured(out, timing, processor)
+        timing, host = _timing(duration, load)
+        sections = _sections(flights, loops, found, judged, seeds, duration)
+        measured = _measured(out, timing, host)
         text = html_page(TITLE, QUESTION, [*sections, *measured], style=STYLE)
         write_whole(out / "paper.html", text.encode())
     except OSError as error:
         raise HeliTwinError(f"cannot write {error.filename or out}: {error.strerror}") from None
-    return [*judged, *timing_claims(timing, processor)]
+    return [*judged, *timing_claims(timing, host)]
 
 
 TITLE = "Fast Model Predictive Control of Miniature Helicopters, reproduced"
@@ -80,27 +87,27 @@ QUESTION = (
 
 
 def _fly(
-    out: Path, seeds: int, duration: float, identification: bool, progress: CountProgress
-) -> tuple[Flights, list[Path]]:
+    out: Path, seeds: int, duration: float, alone: bool, progress: CountProgress
+) -> tuple[Flights, Loops, list[Path]]:
     """Fly it all, the longest flights first."""
-    doublets = list(identification_tasks()) if identification else []
+    doublets, margins = ([], []) if alone else (list(identification_tasks()), list(margin_tasks()))
     wanted = [*doublets, *tasks(seeds, duration, tuple(CASES))]
+    count = len(margins) + len(wanted)
     over = 0
 
     def one_more() -> None:
         nonlocal over
         over += 1
-        progress(over, len(wanted))
+        progress(over, count)
 
-    progress(0, len(wanted))
-    rows = fly_all(out, wanted, one_more)
-    by_case = {
-        name: [rows[f"{name}-seed{seed}"] for seed in range(1 if case.once else seeds)] for name, case in CASES.items()
-    }
+    progress(0, count)
+    rows = fly_all(out, [(measure_margins, margins), (fly_task, wanted)], one_more)
+    by_case = {name: [rows[f"{name}-seed{seed}"] for seed in case.seeds(seeds)] for name, case in CASES.items()}
     lost = next((task for task in wanted if task.keep_log and not _log(out, task.id).exists()), None)
     if lost is not None:
         raise HeliTwinError(f"flight {lost.id} has no log: {rows[lost.id]['outcome_text']}; run the command again")
-    return Flights(out, by_case), [_log(out, task.id) for task in doublets]
+    loops = {task.id: rows[task.id] for task in margins}
+    return Flights(out, by_case), loops, [_log(out, task.id) for task in doublets]
 
 
 def _log(out: Path, task: str) -> Path:
@@ -108,7 +115,12 @@ def _log(out: Path, task: str) -> Path:
 
 
 def _sections(
-    flights: Flights, found: Identified | None, judged: Sequence[Claim], seeds: int, duration: float
+    flights: Flights,
+    loops: Loops,
+    found: Identified | None,
+    judged: Sequence[Claim],
+    seeds: int,
+    duration: float,
 ) -> Iterator[Section]:
     """Everything that is the same on every run."""
     kinds = [claim.verdict for claim in judged]
@@ -116,9 +128,13 @@ def _sections(
     sentence = f"{counts}. Every verdict follows from the numbers by a rule; computing times stand last, by themselves."
     yield claims_section("Verdicts", sentence, judged)
     yield table_section(causes(flights))
+    yield table_section(baselines_table(flights))
+    yield table_section(robustness_table(flights, loops))
     yield table_section(gains_table())
     for shown in figures(flights):
         yield _figure(flights, shown)
+    yield table_section(beyond_table(flights))
+    yield _figure(flights, beyond_figure(flights))
     if found is not None:
         yield table_section(parameters_table(flights.folder, found))
     yield table_section(flown_table(flights, seeds, duration))
@@ -149,17 +165,22 @@ def parameters_table(out: Path, found: Identified) -> Table:
     return Table("Identified parameters", sentence, ["", "paper (27)", "ours, with 95 % interval", "verdict"], rows)
 
 
-def _timing(duration: float) -> tuple[Timings, str]:
-    """Fly the circle once more, alone, so that only one core is asked for: measured times and the processor's name."""
+def _timing(duration: float, load: float | None) -> tuple[Timings, Host]:
+    """Fly the circle once more, alone, so that only one core is asked for: measured times and the host."""
     from heli_twin.mission import fly
 
+    passed, worked = perf_counter(), process_time()
     log = fly(CASES["circle"].experiment(0, duration), log_dir=None).log
-    return log.timing, log.metadata.get("cpu", "")
+    share = (process_time() - worked) / (perf_counter() - passed)
+    return log.timing, Host(log.metadata.get("cpu", ""), share, load, os.cpu_count() or 1)
 
 
-def _measured(out: Path, timing: Timings, processor: str) -> Iterator[Section]:
+def _measured(out: Path, timing: Timings, host: Host) -> Iterator[Section]:
     """The sections that differ from run to run; they stand last."""
-    sentence = "Measured on this host while one flight flew alone: these numbers differ from run to run."
-    yield claims_section("Computing times", sentence, list(timing_claims(timing, processor)))
+    sentence = (
+        "Measured on this host while one flight of this command flew alone: these numbers differ from run to run. "
+        f"{host.sentence()}"
+    )
+    yield claims_section("Computing times", sentence, list(timing_claims(timing, host)))
     figure = times_figure(timing)
     yield figure_section(figure, _drawn(out, figure))
