@@ -267,7 +267,7 @@ def fly_task(task: Task) -> Flown:
 
 
 def activity(log: Log) -> dict[str, float]:
-    """Means and deviations of the planar inputs, rms of the yaw input and of its change per control step, from `SETTLING_S` on."""
+    """Means and deviations of the planar inputs; rms of the yaw input and of its step; all from `SETTLING_S` on."""
     u = log.sent.u[1e-9 * log.sent.time >= SETTLING_S]
     if len(u) < 2:
         return {}

@@ -55,7 +55,8 @@ def flown_table(flights: Flights, seeds: int, duration: float) -> Table:
         completed = f"{len(found) - flights.failed(name)} of {len(found)}"
         rows.append([CASES[name].label, completed, *errors, CASES[name].command(duration)])
     sentence = (
-        f"Seeds 0 to {seeds - 1}, {duration:g} s each, fewer where fewer are counted; rms errors against the truth over all flights of a kind, "
+        f"Seeds 0 to {seeds - 1}, {duration:g} s each, fewer where fewer are counted; rms errors against the "
+        "truth over all flights of a kind, "
         f"the first {SETTLING_S:g} s of each left out."
     )
     header = ["", "completed", "x, cm", "y, cm", "z, cm", "yaw, deg", "command of the first flight"]
@@ -74,6 +75,7 @@ def _(text: str) -> str:
 STYLE = """
 img { max-width: 100%; height: auto; }
 td.reproduced, td.fitted, td.not-reproduced, td.not-comparable { white-space: nowrap; font-weight: 600; }
-td.reproduced { color: #00674B; } td.fitted { color: #6B5200; } td.not-reproduced { color: #B04A00; } td.not-comparable { color: #555; }
+td.reproduced { color: #00674B; } td.fitted { color: #6B5200; } td.not-reproduced { color: #B04A00; }
+td.not-comparable { color: #555; }
 table.commands { font-size: .8rem; } table.commands td { border: 0; padding: .1rem .8rem .1rem 0; }
 """

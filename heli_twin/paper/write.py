@@ -10,8 +10,8 @@ from time import perf_counter, process_time
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.identification.identify import Identified, identify
-from heli_twin.paper.beyond import beyond_figure, beyond_table
 from heli_twin.paper.baselines import baselines_table
+from heli_twin.paper.beyond import beyond_figure, beyond_table
 from heli_twin.paper.causes import causes
 from heli_twin.paper.claims import claims, parameter_rows, timing_claims
 from heli_twin.paper.curves import Shown, times_figure
