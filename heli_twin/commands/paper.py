@@ -32,7 +32,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Fly, judge, print the verdicts."""
-    from heli_twin.paper.flights import WHY_THIS_LAB
+    from heli_twin.paper.cases import WHY_THIS_LAB
     from heli_twin.paper.write import write_paper
 
     with progress_bar() as bar:

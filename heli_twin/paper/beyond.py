@@ -11,9 +11,10 @@ import numpy as np
 from controllers.detailed_model import DetailedModel
 from controllers.laws.detailed_mpc import DetailedMpc
 from controllers.signals import Array
+from heli_twin.paper.cases import ATTITUDE, ATTITUDES, CASES, FEW_SEEDS, HOVERED, at_attitude
 from heli_twin.paper.claims import CM
 from heli_twin.paper.curves import Shown
-from heli_twin.paper.flights import ATTITUDE, ATTITUDES, CASES, FEW_SEEDS, HOVERED, Flights, at_attitude
+from heli_twin.paper.flights import Flights
 from heli_twin.reporting.figure import Curve, Figure, Panel, Table
 from heli_twin.reporting.intervals import Interval, median_interval, paired_interval
 from heli_twin.reporting.words import interval, number

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+from heli_twin.paper.cases import THRUST_DEFICITS, weak
 from heli_twin.paper.claims import CM, SIMULATED, largest
 from heli_twin.paper.comparison import DEGREES, in_plane
-from heli_twin.paper.flights import THRUST_DEFICITS, Flights, weak
+from heli_twin.paper.flights import Flights
 from heli_twin.paper.verdicts import explains
 from heli_twin.reporting.figure import Table
 from heli_twin.reporting.words import number

@@ -12,8 +12,9 @@ from heli_twin.identification.fit import Parameter
 from heli_twin.identification.identify import Identified
 from heli_twin.lab.disturbances.bias import Bias
 from heli_twin.metrics.tracking import milliseconds
+from heli_twin.paper.cases import CASES, SIMULATED_DELAYS_MS, simulated
 from heli_twin.paper.comparison import DEGREES, comparison, judged
-from heli_twin.paper.flights import CASES, SIMULATED_DELAYS_MS, Flights, simulated
+from heli_twin.paper.flights import Flights
 from heli_twin.paper.host import Host
 from heli_twin.paper.verdicts import (
     APPROXIMATE_FACTOR,

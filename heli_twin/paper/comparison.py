@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from heli_twin.paper.flights import ATTITUDE, ATTITUDES, CASES, LAWS, THRUST_DEFICITS, Flights, at_attitude, weak
+from heli_twin.paper.cases import ATTITUDE, ATTITUDES, CASES, LAWS, THRUST_DEFICITS, at_attitude, weak
+from heli_twin.paper.flights import Flights
 from heli_twin.paper.gains import gains_of
 from heli_twin.paper.verdicts import SMALL_HEADING_RAD, Claim, all_of, below, in_words, smaller
 from heli_twin.reporting.intervals import mean_interval

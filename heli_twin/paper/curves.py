@@ -6,9 +6,10 @@ import numpy as np
 
 from controllers.signals import Array
 from heli_twin.metrics.tracking import tracking_error
+from heli_twin.paper.cases import CASES
 from heli_twin.paper.claims import CM, SOLVE_MS
 from heli_twin.paper.comparison import DEGREES
-from heli_twin.paper.flights import CASES, Flights
+from heli_twin.paper.flights import Flights
 from heli_twin.recording import Log
 from heli_twin.recording.log import Timings
 from heli_twin.reporting.figure import Curve, Figure, Panel

@@ -5,10 +5,11 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from controllers.signals import Array
+from heli_twin.paper.cases import CASES, THRUST_DEFICITS, weak
 from heli_twin.paper.claims import CM, FITTED_GUST, SIMULATED, fitted_delay
 from heli_twin.paper.comparison import DEGREES
 from heli_twin.paper.curves import TIME_LABEL, Shown, circle_figure, error_of, hover_figure, others_figure
-from heli_twin.paper.flights import CASES, THRUST_DEFICITS, Flights, weak
+from heli_twin.paper.flights import Flights
 from heli_twin.reporting.figure import Curve, Dots, Figure, Panel
 from heli_twin.reporting.intervals import mean_interval
 from heli_twin.reporting.words import metric, number

@@ -8,7 +8,7 @@ from controllers.laws import ControlLaw
 from controllers.reference import ReferencePreview
 from controllers.signals import Array, Estimate, nanoseconds
 from controllers.trajectories.hover import Hover
-from heli_twin.paper.flights import CASES
+from heli_twin.paper.cases import CASES
 from heli_twin.reporting.figure import Table
 
 NUDGE = 1e-3

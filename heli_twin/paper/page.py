@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from heli_twin.metrics.tracking import SETTLING_S
+from heli_twin.paper.cases import CASES
 from heli_twin.paper.claims import CM
 from heli_twin.paper.comparison import DEGREES
-from heli_twin.paper.flights import CASES, Flights
+from heli_twin.paper.flights import Flights
 from heli_twin.paper.verdicts import Claim
 from heli_twin.reporting.figure import Figure, Table
 from heli_twin.reporting.html_page import Section, html_table

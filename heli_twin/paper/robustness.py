@@ -5,9 +5,10 @@ from math import isfinite
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.tree import canonical_json
+from heli_twin.paper.cases import ATTITUDE, ATTITUDES, CASES, FEW_SEEDS, LAB, LAWS, at_attitude
 from heli_twin.paper.claims import CM
 from heli_twin.paper.comparison import in_plane
-from heli_twin.paper.flights import ATTITUDE, ATTITUDES, CASES, FEW_SEEDS, LAB, LAWS, Flights, at_attitude
+from heli_twin.paper.flights import Flights
 from heli_twin.reporting.figure import Table
 from heli_twin.reporting.words import number
 from heli_twin.studies.columns import COMPLETED

@@ -12,11 +12,12 @@ from heli_twin.errors import HeliTwinError
 from heli_twin.identification.identify import Identified, identify
 from heli_twin.paper.baselines import baselines_table
 from heli_twin.paper.beyond import beyond_figure, beyond_table
+from heli_twin.paper.cases import CASES, WHY_THIS_LAB
 from heli_twin.paper.causes import causes
 from heli_twin.paper.claims import claims, parameter_rows, timing_claims
 from heli_twin.paper.curves import Shown, times_figure
 from heli_twin.paper.figures import figures
-from heli_twin.paper.flights import CASES, WHY_THIS_LAB, Flights, fly_all, fly_task, identification_tasks, tasks
+from heli_twin.paper.flights import Flights, fly_all, fly_task, identification_tasks, tasks
 from heli_twin.paper.gains import gains_table
 from heli_twin.paper.host import Host, load_average
 from heli_twin.paper.page import STYLE, claims_section, figure_section, flown_table
