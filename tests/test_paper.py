@@ -34,6 +34,7 @@ from heli_twin.reporting.svg import write_svg
 
 NO, YES, FITTED, NEITHER = "not reproduced", "reproduced", "fitted", "not comparable"
 UNKNOWN = Interval(1.0, np.nan, np.nan, 1)
+SLOW_PID = "Fig. 6: MPC better than PID in x, y: PID by feedback only, derivative of the measured"
 SEEDS = 6
 AXES = ("x", "y", "z", "yaw")
 
@@ -138,9 +139,6 @@ def pretended(folder=None, **worse):
     return Flights(folder, rows)
 
 
-SLOW_PID = "Fig. 6: MPC better than PID in x, y: PID by feedback only, derivative of the measured"
-
-
 def verdict_of(flights, start):
     return next(claim for claim in claims(flights, None) if claim.claim.startswith(start))
 
@@ -160,12 +158,12 @@ def verdict_of(flights, start):
         ("Fig. 5, circle: largest", {"circle": 3.0}, YES),
         ("Fig. 5, circle: largest", {"circle": 1.0}, NO),
         (
-            "Fig. 6: MPC better than PID in x, y: PID by feedback only, derivative of the measured",
+            SLOW_PID,
             {"circle_pid": 5.0},
             YES,
         ),
         (
-            "Fig. 6: MPC better than PID in x, y: PID by feedback only, derivative of the measured",
+            SLOW_PID,
             {"circle_pid": 0.5},
             NO,
         ),
@@ -184,7 +182,7 @@ def test_the_verdict_follows_the_flights(start, worse, verdict):
 def test_a_failed_flight_makes_a_comparison_void_and_is_told():
     flights = pretended(circle_pid=5.0)
     flights.rows["circle_pid"][2]["outcome"] = "crashed"
-    claim = verdict_of(flights, "Fig. 6: MPC better than PID in x, y: PID by feedback only, derivative of the measured")
+    claim = verdict_of(flights, SLOW_PID)
     assert claim.verdict == NEITHER
     assert f"1 of {SEEDS} flights failed" in claim.why
     flights.rows["wheel_pid"][0]["outcome"] = "left_volume"

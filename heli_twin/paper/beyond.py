@@ -20,7 +20,7 @@ from heli_twin.reporting.intervals import Interval, median_interval, paired_inte
 from heli_twin.reporting.words import interval, number
 from heli_twin.tuning.lqg_bound import lqg_bounds
 
-RHOS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)
+RHOS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 """Weights of the points of the bound, from little to much stick."""
 LABS = {"lab_simple": HOVERED, "lab": tuple(f"real_{case}" for case in HOVERED)}
 """The cases of hover in each lab: the paper's weights, Riccati, the detailed model."""

@@ -1,5 +1,6 @@
 """The cases of `heli-twin paper`: each is a kind of flight, flown with several seeds."""
 
+from functools import cache
 from typing import NamedTuple
 
 from heli_twin.experiment import Experiment
@@ -68,8 +69,13 @@ class Case(NamedTuple):
 
     def command(self, duration: float) -> str:
         """The command that flies the first of them."""
-        shorter = () if duration == load(self.preset).duration else (f"duration={duration:g}",)
+        shorter = () if duration == _duration(self.preset) else (f"duration={duration:g}",)
         return pasteable("heli-twin", "fly", self.preset, *self.changes, *shorter)
+
+
+@cache
+def _duration(preset: str) -> float:
+    return load(preset).duration
 
 
 def weak(share: float, kind: str = "") -> str:
