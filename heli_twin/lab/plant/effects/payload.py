@@ -18,8 +18,14 @@ PARKED_M = (0.0, 0.0, 1000.0)
 class Payload:
     """A point mass at the hook, or below it on a string that only pulls; a string of 0 fixes it.
 
+        |payload - hook| <= string                     the string's force acts at both ends, along it
+        mass and inertia of the fuselage + payload     where it is fixed
+
     It is picked up where it hangs at rest under the helicopter, or lies under it if the string is longer than that.
     A dropped payload on a string falls to the floor; what was fixed is gone.
+
+    Source: a point mass on a massless inextensible cable, Bisgaard, la Cour-Harbo and Bendtsen, "Modeling of generic
+    slung load system", AIAA 2006-6816.
     """
 
     kind: Literal["payload"] = "payload"

@@ -12,7 +12,12 @@ from heli_twin.lab.plant.effects import Physics, Updates
 class SpoolUp:
     """A flight that begins on the floor begins with stopped rotors; they spool up with the thrust lag.
 
+        s' = (u - s) / thrust_lag,   s(0) = 0
+
     Without this effect a flight begins in the trim of hovering, on the floor too.
+
+    Source: the lag is the plant's (rotor speed of the CoaX, scaled by Froude number); that it holds from rest on is an
+    engineering estimate.
     """
 
     kind: Literal["spool_up"] = "spool_up"
