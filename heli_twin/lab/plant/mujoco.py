@@ -182,7 +182,8 @@ class Twin:
         self._spec, self._parts = spec, parts
         self.gyro_works, self.feels_moments = True, True
         self._steps = 0
-        self._effect_steps = max(1, PERIOD_NS // spec.step_ns)
+        self._step_ns = spec.step_ns
+        self._effect_steps = max(1, PERIOD_NS // self._step_ns)
         self._mj_step = mujoco.mj_step
         self._model, self._data = model, data = parts.model, parts.data
         self._thrust = model.actuator("u_z").id
@@ -196,7 +197,7 @@ class Twin:
         """(3,) view of what the engine takes for the wind: its own, or the velocity of the body `air`."""
 
         parts.motion.place(x)
-        self._physics = Physics(model, data, parts.trim.copy(), 1e-9 * self._effect_steps * spec.step_ns)
+        self._physics = Physics(model, data, parts.trim.copy(), 1e-9 * self._effect_steps * self._step_ns)
         updates = [effect.start(self._physics) for effect in by_name(spec.effects).values()]
         self._every_period = [update.every_period for update in updates if update.every_period]
         if isinstance(parts.motion, FreeJoint):
@@ -207,7 +208,8 @@ class Twin:
         hover = 0.0 if self._physics.stands else trim[2] / self._physics.thrust
         trim[2] = np.clip(hover, *model.actuator_ctrlrange[self._thrust])
         # Rotors, servos and the inputs in the receiver's delay start at trim, or the helicopter would drop at once.
-        self._u = data.act[:4] = data.ctrl[:4] = trim
+        data.act[:4] = data.ctrl[:4] = trim
+        self._u = trim.tolist()
         if spec.delay_steps:
             for i, u in enumerate(trim.tolist()):
                 mujoco.mj_initCtrlHistory(model, data, i, None, np.full((spec.delay_steps, 1), u))
@@ -225,7 +227,7 @@ class Twin:
         """
         moving = self._parts.motion.now()
         return Truth(
-            stamp=self._steps * self._spec.step_ns,
+            stamp=self._steps * self._step_ns,
             position=moving.position,
             quat_wxyz=moving.quat_wxyz,
             velocity=moving.velocity,
@@ -253,10 +255,10 @@ class Twin:
         Raises:
             ValueError: `until` is in the past or not on a physics step, or the input is not finite.
         """
-        target, off_grid = divmod(until, self._spec.step_ns)
+        target, off_grid = divmod(until, self._step_ns)
         if off_grid or target < self._steps:
-            now = self._steps * self._spec.step_ns
-            raise ValueError(f"until = {until} ns has to be {now} ns plus whole steps of {self._spec.step_ns} ns")
+            now = self._steps * self._step_ns
+            raise ValueError(f"until = {until} ns has to be {now} ns plus whole steps of {self._step_ns} ns")
         if not np.isfinite(u).all():
             raise ValueError(f"the input is not finite: {u}")
         if target == self._steps:
@@ -296,8 +298,10 @@ class Twin:
         physics = self._physics
         if not self._on_input:
             self._data.ctrl[:4] = u
-        elif again or not np.array_equal(u, self._u):
-            self._u, physics.u = u.copy(), u.copy()
+            return
+        asked = u.tolist()
+        if again or asked != self._u:
+            self._u, physics.u = asked, u.copy()
             for update in self._on_input:
                 update(physics)
             self._data.ctrl[:4] = physics.u

@@ -1,9 +1,9 @@
 """The battery: its voltage falls with the charge and under load, and with it the thrust."""
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
 from heli_twin.lab.plant import Battery
@@ -79,4 +79,7 @@ class BatteryInFlight:
 
 def open_voltage(charge: float) -> float:
     """Return the voltage without load (V) at a share of the capacity, interpolated linearly."""
-    return float(np.interp(charge, CHARGES, OPEN_VOLTAGES_V))
+    # NumPy's interp takes a hundredth of a flight to read the table again and again.
+    above = min(max(bisect_right(CHARGES, charge), 1), len(CHARGES) - 1)
+    (low, high), (below, beyond) = CHARGES[above - 1 : above + 1], OPEN_VOLTAGES_V[above - 1 : above + 1]
+    return (beyond - below) / (high - low) * (min(max(charge, low), high) - low) + below

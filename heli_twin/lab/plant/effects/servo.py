@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.signals import Array
@@ -55,8 +54,9 @@ class ServosInFlight:
         servos: list[float] = []
         swashplate: list[float] = []
         for u, servo, began, plate in zip(
-            np.clip(physics.u[:2], -1.0, 1.0).tolist(), self._servo, self._began, self._swashplate, strict=True
+            physics.u[:2].tolist(), self._servo, self._began, self._swashplate, strict=True
         ):
+            u = min(max(u, -1.0), 1.0)
             goal = u if abs(u - servo) > spec.deadband else servo
             servo = min(max(goal, began - travel), began + travel)
             servos.append(servo)
