@@ -221,3 +221,36 @@ def test_a_descending_reference_satisfies_the_dynamics_in_height():
     moving = x[1:, 2] > descent.bottom
     np.testing.assert_allclose(np.diff(x[:, 6])[moving], PERIOD * (MODEL.b_z * u[moving, 2] - GRAVITY), atol=1e-12)
     np.testing.assert_allclose(np.diff(x[:, 2])[moving], PERIOD * x[1:, 6][moving], atol=1e-12)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1.5])
+def test_a_blind_descent_with_the_heave_damping_that_is_believed_ends_at_the_floor_at_its_touch_speed(damping):
+    spec = Safety(heave_damping=damping)
+    station = Station(spec).fly(1.0).fly(3.0, poses=False)
+    height, speed = 1.0, 0.0
+    for order in station.orders:
+        if order.thrust is not None:
+            speed += PERIOD * (MODEL.b_z * order.thrust - GRAVITY - damping * speed)
+            height += PERIOD * speed
+            if order.reference.x[0, 2] <= spec.floor:
+                break
+    # Two steps of Euler's method at the sink speed.
+    assert height == pytest.approx(spec.floor, abs=2 * PERIOD * spec.sink_speed)
+    assert -speed == pytest.approx(spec.touch_speed, abs=0.15)
+
+
+def test_with_poses_the_descent_is_slow_and_blind_it_is_fast():
+    for poses, fastest in ((True, Safety().seen_sink_speed), (False, Safety().sink_speed)):
+        station = Station().fly(1.0)
+        station.supervisor.battery(3.0)
+        station.fly(1.0, poses=poses)
+        sinking = [-order.reference.x[0, 6] for order in station.orders if order.reference is not None]
+        assert max(sinking) == pytest.approx(fastest, abs=1e-9)
+
+
+def test_a_helicopter_that_lingers_above_the_floor_is_taken_down_without_a_warning():
+    station = Station(plan_height=lambda t: 1.0 if t < 1.0 else 0.045)
+    station.x[2] = 0.08
+    station.fly(1.0 + Safety().linger + 0.1)
+    assert station.phase == "landing"
+    assert [order.event.severity for order in station.orders if order.event][-1] == "info"
