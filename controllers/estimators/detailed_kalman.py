@@ -50,7 +50,7 @@ class DetailedKalman:
     push_walk: Annotated[float, Ge(0), Unit("m/s^2/sqrt(s)"), doc("drift of the push in the plane")] = 0.01
     climb_walk: Annotated[float, Ge(0), Unit("m/s/sqrt(s)"), doc("unmodelled acceleration upwards")] = 0.02
     yaw_rate_walk: Annotated[float, Ge(0), Unit("rad/s/sqrt(s)"), doc("unmodelled yaw acceleration")] = 0.1
-    lift_walk: Annotated[float, Ge(0), Unit("m/s^2/sqrt(s)"), doc("drift of the push upwards")] = 0.1
+    lift_walk: Annotated[float, Ge(0), Unit("m/s^2/sqrt(s)"), doc("drift of the push upwards")] = 0.2
     yaw_push_walk: Annotated[float, Ge(0), Unit("rad/s^2/sqrt(s)"), doc("drift of the yaw disturbance")] = 0.5
     gate: Annotated[float, Gt(0), doc("squared innovation over its variance that refuses a pose; 10.8 is 0.1 %")] = 10.8
     reset_after: Annotated[int, Ge(1), doc("refused poses in a row of which the last is believed, if none jumps")] = 5
@@ -169,12 +169,12 @@ class DetailedKalmanFilter:
         return np.concatenate([_SHOWN @ spread.plane @ _SHOWN.T, spread.chains[:, :3, :3]])
 
     def _unknown(self) -> Spread:
-        """The covariance when only one pose is known: 1 m/s, 3 rad/s, and generous disturbances."""
+        """The covariance when only one pose is known: 1 m/s, 3 rad/s, and a thrust that is 2 m/s^2 more or less."""
         gust, slow = self._model.gust_acceleration, self._spec.camera_bias**2
         plane = np.zeros((2, 8, 8))
         for axis in (0, 1):
             np.fill_diagonal(plane[axis], [self._R[0], 1.0, 0.1, 1.0, gust[axis] ** 2, 0.01, 0.09, slow])
-        chains = np.stack([np.diag([self._R[2], 1.0, 0.09, slow]), np.diag([self._R[3], 9.0, 9.0, 0.0])])
+        chains = np.stack([np.diag([self._R[2], 1.0, 4.0, slow]), np.diag([self._R[3], 9.0, 9.0, 0.0])])
         return Spread(plane, chains)
 
     def _restart(self, stamp: int, motion: Motion) -> None:
