@@ -94,6 +94,15 @@ EQUIVALENT = {
         'misfit = squares - total**2 / n - 2.0 * np.correlate(r, y, "valid") - y @ y',
     ): "only differences of the misfit are used",
     (
+        "heli_twin/metrics/response.py",
+        "return [(a, b) for a, b in edges.reshape(-1, 2).tolist()"
+        " if a == 0 or (b - a) * period > REST_DURATION_S - 1e-9]",
+    ): "differs only for a duration equal to the limit in all digits",
+    (
+        "heli_twin/lab/plant/mujoco.py",
+        "self._u = data.act[:5] = data.ctrl[:4] = trim",
+    ): "there are four",
+    (
         "controllers/supervisors/safety.py",
         "if max(abs(x), abs(y)) >= spec.half_width or z > spec.height:",
     ): "differs only for a position equal to the limit in all digits",

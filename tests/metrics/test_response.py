@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from heli_twin.metrics.response import MAX_LAG_S, SETTLED_BAND_M, overshoot, phase_lag, settling_time
+from heli_twin.metrics.response import MAX_LAG_S, SETTLED_BAND_M, _rests, overshoot, phase_lag, settling_time
 from heli_twin.reporting.words import metric
 
 PERIOD = 0.02
@@ -104,6 +104,12 @@ def test_the_overshoot_of_a_second_order_system_is_the_textbooks(damping, height
     expected = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
     # The peak lies between two samples.
     assert overshoot(reference, flown, PERIOD) == pytest.approx(expected, abs=0.003)
+
+
+@pytest.mark.parametrize(("periods", "is_rest"), [(24, False), (25, True)])
+def test_a_rest_lasts_half_a_second(periods, is_rest):
+    reference = np.concatenate([np.arange(50.0), np.full(periods, 49.0), np.arange(50.0, 90.0)])
+    assert bool(_rests(reference, PERIOD)) == is_rest
 
 
 def test_what_comes_from_below_does_not_overshoot():

@@ -1,6 +1,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from hypothesis import strategies as st
 
 from controllers.model import GRAVITY, Model, advance
 from heli_twin.lab.plant import STILL_AIR, Air, physical_state
-from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, model_file
+from heli_twin.lab.plant.motion import Gimbal
+from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, model_file, rotated_to_world
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -276,6 +278,31 @@ def test_the_attitude_may_move_two_radians_a_step_and_no_more():
     assert MuJoCo(attitude_frequency=1000.0, **equal).step == 0.002
     with pytest.raises(ValueError, match="is too fast for a step"):
         MuJoCo(attitude_frequency=1000.0000001, **equal)
+
+
+@given(st.floats(-3, 3), st.floats(-1.4, 1.4), st.floats(-3, 3))
+def test_a_vector_of_the_body_is_turned_by_yaw_pitch_and_roll(yaw, pitch, roll):
+    (cy, cp, cr), (sy, sp, sr) = np.cos([yaw, pitch, roll]), np.sin([yaw, pitch, roll])
+    Rz, Ry = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]), np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    Rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    data = SimpleNamespace(qpos=np.array([0, 0, 0, yaw, pitch, roll]), qvel=np.zeros(6))
+    quat = Gimbal(SimpleNamespace(dof_damping=np.zeros(6)), data).now().quat_wxyz
+    for vector in np.eye(3):
+        np.testing.assert_allclose(rotated_to_world(quat, vector), Rz @ Ry @ Rx @ vector, atol=1e-12)
+
+
+@given(*[st.floats(-1.3, 1.3)] * 3, *[st.floats(-5, 5)] * 3)
+def test_the_angular_velocity_is_the_change_of_the_attitude(yaw, pitch, roll, r, pitch_rate, roll_rate):
+    angles, rates, dt = np.array([yaw, pitch, roll]), np.array([r, pitch_rate, roll_rate]), 1e-6
+
+    def gimbal(at):
+        data = SimpleNamespace(qpos=np.array([0, 0, 0, *at]), qvel=np.array([0, 0, 0, *rates]))
+        return Gimbal(SimpleNamespace(dof_damping=np.zeros(6)), data).now()
+
+    before, after = (gimbal(angles + sign * dt * rates).quat_wxyz for sign in (-1, 1))
+    turned = before[0] * after[1:] - after[0] * before[1:] - np.cross(before[1:], after[1:])
+    # Central differences of rates of up to 10 rad/s.
+    np.testing.assert_allclose(turned / dt, gimbal(angles).angular_velocity, atol=1e-7)
 
 
 def test_a_lag_is_first_order():

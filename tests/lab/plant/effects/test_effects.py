@@ -216,6 +216,11 @@ def test_a_cell_flies_as_long_as_the_maker_says():
     assert 7.0 < minutes < 8.0
 
 
+def test_the_cut_off_takes_its_share_of_the_thrust():
+    throttles = [MuJoCo(effects=(BatterySpec(cut_off=v),)).start(at()).truth().actuators[2] for v in (0.0, 10.0)]
+    assert throttles[1] == pytest.approx(throttles[0] / 0.7, rel=1e-12)
+
+
 def test_the_cut_off_is_for_good():
     readings, plant = flown_empty(BatterySpec(charge=0.02, capacity=0.02, cut_off=3.1), 3.0)
     assert readings[-1].voltage > 0
