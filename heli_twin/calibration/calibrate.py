@@ -14,7 +14,7 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.checks import CalibrationError, check_clock, check_form, check_recording, remarks
 from heli_twin.calibration.data import Flight, flight_of
-from heli_twin.calibration.fit import CONVERGED, Fit, fit
+from heli_twin.calibration.fit import CONVERGED, CONVERGED_WITH_PLAY, Fit, fit
 from heli_twin.calibration.frames import framed
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, POSITIVE, SPREAD, lab_of, of_experiment, vector
 from heli_twin.calibration.problem import FIXED, Problem
@@ -172,7 +172,7 @@ def calibrate(
         flights: From `flights_of`.
         base: The helicopter that is believed, whose parameters are the prior's mean.
         mass: As weighed, kg; None for that of `base`.
-        anyway: Return a twin whose form does not explain the flights too.
+        anyway: Return a twin that has not converged, or whose form does not explain the flights, too.
         progress: Called after every iteration.
 
     Raises:
@@ -201,10 +201,10 @@ def calibrate(
             theta[[INDEX[p] for p in EFFECTS[name]]] = 0.0
     final = fit(Problem(flights, lab_of(base), prior, spread), first.state._replace(theta=theta), progress)
     check_clock(final)
-    if final.last_step > CONVERGED:
+    if final.last_step > (CONVERGED_WITH_PLAY if "servo" in kept else CONVERGED) and not anyway:
         raise CalibrationError(
             f"the fit has not converged: its last step was {final.last_step:.2f} standard deviations, after"
-            f" {final.iterations} iterations (limit {CONVERGED:g}); believe in a helicopter that is nearer to this one,"
+            f" {final.iterations} iterations (limit {CONVERGED:g}, with play in the servos {CONVERGED_WITH_PLAY:g}); believe in a helicopter that is nearer to this one,"
             " or give longer flights"
         )
     form = structure(final)

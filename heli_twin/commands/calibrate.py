@@ -56,7 +56,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument("--plan", action="store_true", help="say what flights would tell, and which helps most next")
     parser.add_argument("--card", action="store_true", help="print the calibration flights for a real lab")
     parser.add_argument(
-        "--anyway", action="store_true", help="go on although the form of the twin does not explain the flights"
+        "--anyway", action="store_true", help="go on with a fit that did not converge, or a form that is wrong"
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON, for programs")
 
