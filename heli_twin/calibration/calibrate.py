@@ -201,11 +201,12 @@ def calibrate(
             theta[[INDEX[p] for p in EFFECTS[name]]] = 0.0
     final = fit(Problem(flights, lab_of(base), prior, spread), first.state._replace(theta=theta), progress)
     check_clock(final)
-    if final.last_step > (CONVERGED_WITH_PLAY if "servo" in kept else CONVERGED) and not anyway:
+    limit = CONVERGED_WITH_PLAY if "servo" in kept else CONVERGED
+    if final.last_step > limit and not anyway:
         raise CalibrationError(
             f"the fit has not converged: its last step was {final.last_step:.2f} standard deviations, after"
-            f" {final.iterations} iterations (limit {CONVERGED:g}, with play in the servos {CONVERGED_WITH_PLAY:g}); believe in a helicopter that is nearer to this one,"
-            " or give longer flights"
+            f" {final.iterations} iterations (limit {limit:g}); believe in a helicopter that is nearer to this one, or give"
+            " longer flights; --anyway goes on"
         )
     form = structure(final)
     if not anyway:
