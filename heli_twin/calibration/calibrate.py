@@ -205,8 +205,8 @@ def calibrate(
     if final.last_step > limit and not anyway:
         raise CalibrationError(
             f"the fit has not converged: its last step was {final.last_step:.2f} standard deviations, after"
-            f" {final.iterations} iterations (limit {limit:g}); believe in a helicopter that is nearer to this one, or give"
-            " longer flights; --anyway goes on"
+            f" {final.iterations} iterations (limit {limit:g}); believe in a helicopter that is nearer to this one, or"
+            " give longer flights; --anyway goes on"
         )
     form = structure(final)
     if not anyway:
