@@ -170,7 +170,7 @@ def _angles(quat: Array) -> Array:
     w, x, y, z = quat.T
     pitch = np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return np.column_stack([np.unwrap(yaw_of(quat)), pitch, roll]).astype(np.float64)
+    return np.asarray(np.column_stack([np.unwrap(yaw_of(quat)), pitch, roll]), np.float64)
 
 
 def _steady(angles: Array) -> NDArray[np.bool_]:

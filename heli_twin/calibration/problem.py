@@ -215,7 +215,8 @@ def _firsts(which: NDArray[np.int64]) -> list[int]:
     return [int(np.argmax(which == drive)) for drive in range(int(which.max()) + 1)]
 
 
-def _filled(values: Array, seen: Array) -> Array:
+def _filled(values: Array, seen: NDArray[np.bool_]) -> Array:
+    """Values (n,) with straight lines where they are not seen."""
     i = np.arange(len(values))
     return np.interp(i, i[seen], values[seen])
 

@@ -186,7 +186,7 @@ def _plan(base: "Experiment", logs: list[Path], *, as_json: bool) -> int:
         for data in flights_of([_read(path) for path in logs], base) if logs else []:
             known.append(planning.information(data, base))
             bar.advance(task)
-    so_far = sum(known, 0.0 * next(iter(information.values())))
+    so_far: Any = sum(known, 0.0 * next(iter(information.values())))
     alone = {name: planning.bounds([*known, each], base) for name, each in information.items()}
     alone["both"] = planning.bounds([*known, *list(information.values())[:2]], base)
     gains = {name: planning.gain(so_far, each, base) for name, each in information.items()}
