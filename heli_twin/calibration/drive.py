@@ -84,7 +84,8 @@ class _Servos:
         self._delay, self._phase = float(variants[0][INDEX["delay"]]), phases[0]
         self._t = flight.origin + STEP_S * (np.arange(flight.steps) + 0.5)
         sent, least = flight.sent, self._delay + GRID_S - 0.5 * flight.sent.frame
-        times = flight.origin + SERVO_STEP_S * np.arange(flight.steps * STEP_S // SERVO_STEP_S + 2)
+        # The inputs in the middle of each step stand for it: those at its beginning would be half a step late.
+        times = flight.origin + SERVO_STEP_S * (np.arange(flight.steps * STEP_S // SERVO_STEP_S + 2) + 0.5)
         if not sent.frame:
             u = sent.held.at(times[:, None] - least)
         elif self._phase is not None:
@@ -94,7 +95,7 @@ class _Servos:
             u = sent.held.at(times[:, None] - least - wait)
         self._plays = list(dict.fromkeys(map(_play_of, variants)))
         self._paths = _swashplates(u[..., :2], np.array(self._plays))
-        self._times = times + 0.5 * SERVO_STEP_S
+        self._times = times
 
     def swashplate(self, p: Array, phase: float | None) -> Array:
         """Return its mean path (steps, 2) before the lag; a later frame, or a longer delay, moves the whole path."""
@@ -122,6 +123,8 @@ def _swashplates(u: Array, plays: Array) -> Array:
     low = high = servo
     for k, now in enumerate(u):
         if k % SERVO_PERIOD_STEPS == 0:
+            # A command that comes with the period's end still uses what is left of its travel.
+            servo = np.minimum(np.maximum(now, low), high)
             low, high = servo - travel, servo + travel
         servo = np.minimum(np.maximum(now, low), high)
         plate = np.minimum(np.maximum(plate, servo - half), servo + half)

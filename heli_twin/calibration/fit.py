@@ -36,7 +36,7 @@ STALE = 0.5
 WIDER = (1.2, 1.5)
 """Limits of a reported standard deviation, as a multiple of the model's. The model's is a little short, since the
 covariance is estimated too and the timing of commands is not white; the sandwich of some sixty windows scatters by a
-quarter. Chosen on pilot twins that no test judges: of the model's own 95 % intervals 93 % held."""
+quarter. Chosen on pilot twins that no test judges: of 70 of the model's own 95 % intervals 63 held."""
 MEMORY_WINDOWS = 2
 """Windows further apart than this are taken as independent by the sandwich."""
 

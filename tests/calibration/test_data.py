@@ -1,12 +1,15 @@
 """Windows and inputs: what the fit compares, and what acts at the helicopter."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from heli_twin.calibration.calibrate import CalibrationError, flights_of
 from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, WINDOW_STEPS, flight_of
-from heli_twin.calibration.drive import GRID_S
-from heli_twin.calibration.parameters import lab_of, of_experiment
+from heli_twin.calibration.drive import GRID_S, drives_of
+from heli_twin.calibration.parameters import NAMES, lab_of, of_experiment, vector
 from heli_twin.experiment.text import load
 from heli_twin.mission import fly
 
@@ -16,8 +19,6 @@ LAB = load("lab_simple", ["plant.input_delay=0.004", "mocap.dropout=0.02"])
 @pytest.fixture(scope="module")
 def log():
     flight = load("calibrate_height_yaw")
-    from dataclasses import replace
-
     return fly(replace(LAB, trajectory=flight.trajectory, excitation=flight.excitation, duration=8.0), log_dir=None).log
 
 
@@ -53,11 +54,30 @@ def test_windows_hold_every_pose_once_and_average_the_steps_they_were_taken_at(l
 def test_logs_that_cannot_be_used_are_refused_in_a_sentence(log):
     with pytest.raises(CalibrationError, match=r"a and b were flown with the same seed, 5: .* seed=6"):
         flights_of([("a", log, 5), ("b", log, 5)], LAB)
-    from types import SimpleNamespace
-
     deaf = SimpleNamespace(pose=log.pose, sent=log.sent._replace(u=log.sent.u * [1.0, np.nan, 1.0, 1.0]))
     with pytest.raises(CalibrationError, match="lacks a sent command"):
         flights_of([("deaf", deaf, None)], LAB)
     blind = SimpleNamespace(pose=log.pose._replace(position=log.pose.position * [1, 1, 0.1]), sent=log.sent)
     with pytest.raises(CalibrationError, match="low has no usable flight"):
         flights_of([("low", blind, None)], LAB)
+
+
+@pytest.mark.parametrize("phase_known", [True, False])
+def test_servos_with_play_move_as_in_the_twin(phase_known):
+    there = load("calibrate_plane")
+    lab = load("lab", ["supervisor=off", "plant.effects.servo.deadband=0"])
+    log = fly(replace(lab, trajectory=there.trajectory, excitation=there.excitation, duration=6.0), log_dir=None).log
+    flight = flight_of(log, "flight", lab_of(lab), None)
+    phase = float(np.median(np.mod(1e-9 * log.acting.time[1:], 0.022))) + lab.plant.input_delay
+    theta = vector(np.array([of_experiment(lab)[name] for name in NAMES]))
+    drive = drives_of(flight, [theta], [phase if phase_known else None])[0]
+    step = log.truth.stamp // 1_000_000
+    step = step[(step > 1000) & (step < flight.steps - 10)].astype(int)
+    for i, modelled in enumerate((drive.pitch, drive.roll)):
+        true = np.interp(step, log.truth.stamp / 1e6, log.truth.actuators[:, i])
+        # A step's value is reached at its end.
+        misses = [float(np.std(modelled[step - 1 + late] - true)) for late in range(-5, 6)]
+        # The servos move every 10 ms there, at times that are not known from outside.
+        assert not phase_known or abs(int(np.argmin(misses)) - 5) <= 2
+        assert min(misses) < (0.015 if phase_known else 0.04)
+        assert np.polyfit(modelled[step - 1], true, 1)[0] == pytest.approx(1.0, abs=0.02)
