@@ -55,7 +55,8 @@ class BatteryInFlight:
     def __init__(self, spec: BatterySpec, hover: float) -> None:
         self._spec, self._hover = spec, hover
         self._charge = spec.charge
-        self._nominal = open_voltage(1.0) - spec.resistance * (spec.idle_current + spec.hover_current)
+        # A cell of so great a resistance that hovering takes all its voltage gives no thrust, instead of no number.
+        self._nominal = max(open_voltage(1.0) - spec.resistance * (spec.idle_current + spec.hover_current), 1.0)
         self._cut = False
         self._factor = 0.0
         """Thrust as a fraction of nominal of the last period; 0 before the first."""

@@ -432,3 +432,9 @@ def test_rotors_that_start_on_the_floor_have_balanced_torques_in_hover():
     assert plant.truth().position[2] > 1.0
     # 5 % more thrust than in hover: lever 0.05 m g over the yaw damping.
     assert plant.truth().yaw_rate == pytest.approx(0.0008 * 0.05 * NOMINAL.mass * GRAVITY / 1.35e-4, rel=1e-3)
+
+
+def test_a_cell_that_cannot_feed_hovering_gives_no_thrust():
+    plant = twin(BatterySpec(resistance=2.0, hover_current=2.0, idle_current=2.0), x=at(5.0))
+    plant.advance(500 * MS, HOVER, STILL_AIR)
+    assert plant.truth().velocity[2] < -2.0
