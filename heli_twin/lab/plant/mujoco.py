@@ -205,7 +205,7 @@ class Twin:
         self._on_input = [update.on_input for update in updates if update.on_input]
         self._update_effects()
         trim = self._physics.trim
-        hover = 0.0 if self._physics.stands else trim[2] / self._physics.thrust
+        hover = 0.0 if self._physics.stands else trim[2] / max(self._physics.thrust, 1e-9)
         trim[2] = np.clip(hover, *model.actuator_ctrlrange[self._thrust])
         # Rotors, servos and the inputs in the receiver's delay start at trim, or the helicopter would drop at once.
         data.act[:4] = data.ctrl[:4] = trim
