@@ -145,19 +145,25 @@ def _lagged(u: Array, lag: float) -> Array:
 
 
 def _battery(load: Array, drain: float, droop: float) -> Array:
-    """Thrust (n,) as a share of that of a full battery in hover, if the thrust were `load` (n,) times the weight."""
-    factor = np.ones_like(load)
+    """Thrust (n,) as a share of that of a full battery in hover, if the thrust were `load` (n,) times the weight.
+
+    As in the plant effect, the voltage of a period of `PERIOD_NS` follows from the thrust at its beginning.
+    """
     if drain == 0.0 and droop == 0.0:
-        return factor
-    # The current depends on the thrust, which depends on the voltage: a contraction by 0.14.
-    for _ in range(4):
-        power = np.maximum(load * factor, 0.0) ** CURRENT_EXPONENT
-        # Linear beyond a full cell: a drain may come out negative.
-        used = drain * STEP_S * np.cumsum(power)
+        return np.ones_like(load)
+    count = -(-len(load) // BATTERY_STEPS)
+    at = load[np.maximum(BATTERY_STEPS * np.arange(count) - 1, 0)]
+    factor = np.ones(count)
+    # The current depends on the thrust, which depends on the last voltage: a contraction by 0.14.
+    for _ in range(5):
+        power = np.maximum(at * np.concatenate([factor[:1], factor[:-1]]), 0.0) ** CURRENT_EXPONENT
+        used = drain * BATTERY_STEPS * STEP_S * (np.cumsum(power) - power)
         lost = OPEN_VOLTAGES_V[-1] - np.interp(1.0 - used, CHARGES, OPEN_VOLTAGES_V)
+        # Linear beyond a full cell: a drain may come out negative.
         lost += np.minimum(used, 0.0) * _SLOPE_V
         factor = np.maximum(1.0 - lost / BATTERY_VOLTAGE_V - droop * (power - 1.0), 0.1) ** THRUST_EXPONENT
-    return factor
+    return np.repeat(factor, BATTERY_STEPS)[: len(load)]
 
 
+BATTERY_STEPS = round(1e-9 * PERIOD_NS / STEP_S)
 _SLOPE_V = (OPEN_VOLTAGES_V[-1] - OPEN_VOLTAGES_V[-2]) / (CHARGES[-1] - CHARGES[-2])

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from controllers.excitations.multisine import Multisine
+from controllers.model import GRAVITY
 from heli_twin.calibration.data import BINS, WINDOW_STEPS
+from heli_twin.calibration.drive import _battery
 from heli_twin.calibration.motion import Lanes, simulate
 from heli_twin.calibration.parameters import NAMES, lab_of, of_experiment, values, vector
 from heli_twin.experiment.text import load
@@ -50,6 +52,23 @@ def test_the_copy_has_the_effects_of_the_plant():
     assert np.abs(out - poses)[:, :3].max() < 5e-5
     assert np.abs(out - poses)[:, 3:].max() < 5e-6
     assert np.abs(poses - flown()[1]).max() > 0.01
+
+
+def test_the_battery_sags_as_the_plants():
+    experiment = load("lab", ["supervisor=off", "plant.effects.ground_effect=off"])
+    plant, believed = experiment.plant, of_experiment(experiment)
+    twin = plant.start(START)
+    u = np.array(plant.trim) + Multisine(thrust=0.1).inputs(np.arange(2000) * 1e-3)
+    acts, factors = [], []
+    for k in range(WINDOW_STEPS):
+        twin.advance((k + 1) * 1_000_000, u[k], Air(np.zeros(3), np.zeros(3)))
+        acts.append(twin._data.act[2])
+        factors.append(twin._physics.thrust)
+    load_ = believed["thrust_per_mass"] * np.array(acts) / GRAVITY
+    factor = _battery(load_, believed["battery_drain"], believed["battery_droop"])
+    assert np.ptp(factors) > 0.02
+    # It begins with the thrust of the trim; the shares of idle and hover current are those of the default.
+    assert np.abs(factor / factors - 1.0)[20:].max() < 1e-3
 
 
 def test_values_and_vector_are_inverse():
