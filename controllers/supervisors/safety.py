@@ -61,7 +61,7 @@ class Safety:
     spool: Annotated[float, Gt(0), Le(10), Unit("s"), doc("time in which the motors start and stop")] = 0.5
     # Ground effect carries it: without an integral in z, an MPC hovers 3 cm above the floor.
     linger: Annotated[
-        float, Gt(0), Le(60), Unit("s"), doc("time above the floor with the plan on it; then descend")
+        float, Gt(0), Le(36_000), Unit("s"), doc("time above the floor with the plan on it; then descend")
     ] = 0.5
     # The skids reach 0.045 m below the centre of gravity.
     floor: Annotated[float, Gt(0), Unit("m"), doc("height of the centre of gravity when it stands")] = 0.045

@@ -20,7 +20,7 @@ from heli_twin.experiment.fields import fields_of
 
 Tree = dict[str, Any]
 
-PHYSICS_VERSION = 4
+PHYSICS_VERSION = 5
 """Part of every run's id. Raise it by hand when the same experiment flies differently than before: then a study flies
 its old runs again."""
 UNRECORDED_VERSION = 3
@@ -39,26 +39,31 @@ class Past(NamedTuple):
 
 
 _KALMAN = "controllers.estimators.kalman.Kalman"
+_SAFETY = "controllers.supervisors.safety.Safety"
 PAST: dict[str, Past] = {
-    "heli_twin.lab.plant.mujoco.MuJoCo.effects": Past(4, {}),
+    "heli_twin.lab.plant.mujoco.MuJoCo.effects": Past(5, {}),
     # The plant of an experiment has another default than its class.
-    "heli_twin.lab.plant.mujoco.MuJoCo.drag_z": Past(4, 0.0, is_new=False),
-    "heli_twin.lab.disturbances.gust.Gust.strength": Past(4, 0.25, is_new=False),
-    "heli_twin.lab.radio.Dsm2.failsafe": Past(4, 0.0),
-    "heli_twin.lab.radio.Dsm2.failsafe_thrust": Past(4, 0.0),
+    "heli_twin.lab.plant.mujoco.MuJoCo.drag_z": Past(5, 0.0, is_new=False),
+    "heli_twin.lab.disturbances.gust.Gust.strength": Past(5, 0.25, is_new=False),
+    "heli_twin.lab.radio.Dsm2.failsafe": Past(5, 0.0),
+    "heli_twin.lab.radio.Dsm2.failsafe_thrust": Past(5, 0.0),
     "heli_twin.lab.faults.pose_nan.PoseNan.rate": Past(4, 0.0),
     "heli_twin.lab.faults.pose_outage.PoseOutage.rate": Past(4, 0.0),
     f"{_KALMAN}.withstand_faults": Past(4, False),
     f"{_KALMAN}.jump_time": Past(4, 0.6),
     f"{_KALMAN}.stray_speed": Past(4, 1.0),
     f"{_KALMAN}.stray_yaw_rate": Past(4, 5.0),
-    f"{_KALMAN}.gust_time": Past(4, 0.7),
+    f"{_KALMAN}.gust_time": Past(5, 0.7),
     f"{_KALMAN}.mean_time": Past(4, 10.0),
     f"{_KALMAN}.floor": Past(4, 0.0),
-    "heli_twin.experiment.Experiment.supervisor": Past(4, {"kind": "off"}),
-    "heli_twin.experiment.Experiment.excitation": Past(4, {"kind": "off"}),
-    "controllers.laws.ltv_mpc.LtvMpc.integral_zone": Past(4, 1e9),
-    "controllers.laws.pid.Pid.derivative": Past(4, "velocity"),
+    "heli_twin.experiment.Experiment.supervisor": Past(5, {"kind": "off"}),
+    "heli_twin.experiment.Experiment.excitation": Past(5, {"kind": "off"}),
+    f"{_SAFETY}.heave_damping": Past(5, 0.0),
+    f"{_SAFETY}.seen_sink_speed": Past(5, 1.5),
+    f"{_SAFETY}.press": Past(5, 1.5, is_new=False),
+    f"{_SAFETY}.linger": Past(5, 36_000.0),
+    "controllers.laws.ltv_mpc.LtvMpc.integral_zone": Past(5, 1e9),
+    "controllers.laws.pid.Pid.derivative": Past(5, "velocity"),
     "controllers.trajectories.takeoff_and_landing.TakeoffAndLanding.stand": Past(4, 0.0),
 }
 """Past values by the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
