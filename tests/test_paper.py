@@ -16,6 +16,8 @@ from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.text import load
 from heli_twin.identification.fit import AxisFit, Parameter
 from heli_twin.identification.identify import Identified
+from heli_twin.metrics.margins import Margins
+from heli_twin.paper import robustness
 from heli_twin.paper.beyond import beyond_table, bound_curve
 from heli_twin.paper.cases import CASES
 from heli_twin.paper.causes import causes
@@ -25,7 +27,7 @@ from heli_twin.paper.flights import Flights
 from heli_twin.paper.gains import feedback_gains, gains_of
 from heli_twin.paper.host import Host
 from heli_twin.paper.page import flown_table
-from heli_twin.paper.robustness import margin_tasks, robustness_table
+from heli_twin.paper.robustness import margin_tasks, measure_margins, robustness_table
 from heli_twin.paper.verdicts import all_of, apart, below, exact, explains, fitted, smaller, within
 from heli_twin.paper.write import write_paper
 from heli_twin.recording.log import Timings
@@ -309,6 +311,24 @@ def test_laws_with_the_same_loop_share_its_margins():
     assert rows["MPC, Riccati terminal weight"][4] == "unstable"
     assert rows["PID + feed-forward"][4] == rows["PID, feedback only"][4] != "not measured"
     assert rows["MPC"][4] == rows["MPC"][5]
+
+
+def test_a_loop_without_margins_is_a_row_and_no_trouble(monkeypatch):
+    def unstable(experiment, helicopter):
+        raise HeliTwinError(f"no margins on the {helicopter}")
+
+    task = next(task for task in margin_tasks() if task.score == "believed")
+    monkeypatch.setattr(robustness, "law_margins", unstable)
+    assert measure_margins(task).row == {"outcome": "unstable", "outcome_text": "no margins on the believed"}
+    loops = {"x": Margins(2.0, 0.1, 1.5, 3.0), "yaw": Margins(1.5, 0.05, 2.5, 9.0)}
+    monkeypatch.setattr(robustness, "law_margins", lambda experiment, helicopter: loops)
+    row = measure_margins(task).row
+    assert [row[name] for name in ("outcome", "gain", "peak_sensitivity", "worst_sensitivity")] == [
+        "completed",
+        2,
+        1.5,
+        2.5,
+    ]
 
 
 def test_a_law_on_the_bound_has_one_times_the_bound():

@@ -124,7 +124,7 @@ def estimation(plant: Axis, loop: Loop) -> tuple[Array, Array]:
     """Return the stationary Kalman gain (7, 2) and the covariance (7, 7) of the error after a pose."""
     H, R = measurement(loop)
     before = riccati_terminal_weight(plant.F.T, H.T, plant.noise, R)
-    L = np.linalg.solve(H @ before @ H.T + R, H @ before).T
+    L = np.asarray(np.linalg.solve(H @ before @ H.T + R, H @ before).T, np.float64)
     after = before - L @ H @ before
     return L, 0.5 * (after + after.T)
 
