@@ -40,7 +40,8 @@ class Safety:
 
     kind: Literal["safety"] = "safety"
     coast_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose that is worth an event")] = 0.1
-    level_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to stop")] = 0.5
+    # Half a second without poses, and the time until the first good one has arrived: who stops for one step, jerks.
+    level_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to stop")] = 0.55
     land_after: Annotated[float, Gt(0), Le(60), Unit("s"), doc("age of the newest pose at which to descend")] = 0.75
     solver_timeout: Annotated[float, Gt(0), Le(60), Unit("s"), doc("time without a solved problem; then land")] = 0.5
     low_voltage: Annotated[float, Ge(0), Le(20), Unit("V"), doc("of the battery, at which to land")] = 3.3

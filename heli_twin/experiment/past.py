@@ -58,6 +58,7 @@ PAST: dict[str, Past] = {
     f"{_KALMAN}.floor": Past(4, 0.0),
     "heli_twin.experiment.Experiment.supervisor": Past(5, {"kind": "off"}),
     "heli_twin.experiment.Experiment.excitation": Past(5, {"kind": "off"}),
+    f"{_SAFETY}.level_after": Past(5, 0.5, is_new=False),
     f"{_SAFETY}.heave_damping": Past(5, 0.0),
     f"{_SAFETY}.seen_sink_speed": Past(5, 1.5),
     f"{_SAFETY}.press": Past(5, 1.5, is_new=False),
