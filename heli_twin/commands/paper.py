@@ -21,13 +21,13 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "Fly the paper's simulations and experiments on the twin, with several seeds on all cores, and write one\n"
         "page: its figures, the identified parameters, and each claim with the paper's number, ours with its\n"
         "interval, and a verdict. The lab is lab_simple: its helicopter has the parameters that the paper identified.\n"
-        "Two cores need about two minutes.",
+        "Two free cores need less than four minutes.",
         "  heli-twin paper\n  heli-twin paper --seeds 4 --out logs/quick",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("logs/paper"), metavar="DIR", help="where it goes (default logs/paper)"
     )
-    parser.add_argument("--seeds", type=int, default=7, metavar="N", help="flights of each kind (default 7)")
+    parser.add_argument("--seeds", type=int, default=6, metavar="N", help="flights of each kind (default 6)")
 
 
 def run(parsed: Namespace) -> int:

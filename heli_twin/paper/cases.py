@@ -126,6 +126,7 @@ CASES = {
     "circle_flat_soft": Case("PID + feed-forward, gains of the MPC", (*FLAT, *GAINS_OF_THE_MPC)),
     "circle_flat_zn": Case("PID + feed-forward, Z-N gains", (*FLAT, *ZIEGLER_NICHOLS)),
     "circle_flat_unrolled": Case("PID + feed-forward, no roll-forward", (*FLAT, *UNROLLED)),
+    "circle_even": Case("MPC, Riccati, gains of the PID", (*RICCATI, "controller.R=[12,12,2,2]")),
     "circle_unrolled": Case("MPC, no roll-forward", UNROLLED),
     "circle_flat_exact": Case("PID + feed-forward, exact orientation", (*FLAT, "mocap.orientation_noise=0")),
     "circle_exact": Case("MPC, exact orientation", ("mocap.orientation_noise=0",)),

@@ -43,7 +43,7 @@ IN_PLANE = (
         PLANE[1],
         "low gains of the MPC",
         MPC_AND_PID,
-        ("circle_riccati", "circle_flat"),
+        ("circle_even", "circle_flat"),
         ("circle", "circle_flat_soft"),
     ),
     Suspect(PLANE[1], "gains of the PID above Z-N", MPC_AND_PID, shared=("circle", "circle_flat_zn")),

@@ -13,7 +13,10 @@ from heli_twin.reporting.figure import Table
 
 NUDGE = 1e-3
 """m, rad, m/s and rad/s: small enough that no limit binds."""
-COMPARED = ("circle", "circle_riccati", "circle_free", "circle_flat", "circle_flat_zn")
+COMPARED = (
+    *("circle", "circle_riccati", "circle_even", "circle_free"),
+    *("circle_flat", "circle_flat_soft", "circle_flat_zn"),
+)
 
 
 def feedback_gains(law: ControlLaw) -> Array:

@@ -20,7 +20,7 @@ class Host(NamedTuple):
     @property
     def busy(self) -> bool:
         """Return whether other programs had the processor too."""
-        return self.share < BUSY_SHARE
+        return self.share < BUSY_SHARE or (self.load or 0.0) > self.processors
 
     def warning(self) -> str:
         """A sentence for beside measured times; empty on a free host."""
@@ -36,7 +36,8 @@ class Host(NamedTuple):
         word = "busy: other programs made these times longer" if self.busy else "free"
         return (
             f"While it flew it had a processor for {100.0 * min(self.share, 1.0):.0f} % of the time (processor time"
-            f" over time passed){load}. Below {100.0 * BUSY_SHARE:g} % counts as busy: the host was {word}."
+            f" over time passed){load}. Below {100.0 * BUSY_SHARE:g} %, or a load above the"
+            f" number of processors, counts as busy: the host was {word}."
         )
 
 
