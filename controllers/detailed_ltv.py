@@ -68,7 +68,7 @@ class DetailedLinearisation:
         self._B[:, own, k] = rows[:, 4]
         after = np.zeros((3, 4 + self._n))
         after[:, :3] = np.eye(3)
-        chain = []
+        chain: list[Array] = []
         for i in range(self._n):
             after = rows[:, :3] @ after
             after[:, 3] += rows[:, 3]

@@ -200,7 +200,7 @@ def _check_contracts(e: Experiment) -> None:
     except MissingDerivatives as error:
         raise ExperimentError(f"trajectory does not give what the controller reads: {error}") from None
     read: tuple[NamedState, ...] = e.controller.estimated_states if isinstance(e.controller, StateReader) else ()
-    if extra_states(e.estimator)[: len(read)] != read:
+    if read and extra_states(e.estimator)[: len(read)] != read:
         able = [
             kind
             for kind, spec in members("controllers.estimators").items()

@@ -145,7 +145,7 @@ def _terminal(spec: DetailedMpc, hover: Ltv) -> tuple[Array, Array]:
     AB, n = HEIGHT_AND_YAW.matrices(hover)[0], len(HEIGHT_AND_YAW.states)
     low = riccati_terminal_weight(AB[:, :n], AB[:, n:], np.diag(Q[HEIGHT_AND_YAW.states]), np.diag(spec.R[2:]))
     root[np.ix_(HEIGHT_AND_YAW.states, HEIGHT_AND_YAW.states)] = sqrt_weight(low)
-    return root, np.linalg.solve(P[:10, :10], P[:10, 10:])
+    return root, np.asarray(np.linalg.solve(P[:10, :10], P[:10, 10:]), np.float64)
 
 
 def _with_gust(hover: Ltv, linearise: DetailedLinearisation) -> tuple[Array, Array]:

@@ -215,6 +215,7 @@ def _window(s: Array, pose: Array) -> tuple[Array, Array, Array, Array, Array] |
 def _start(t: Array, pose: Array) -> Array:
     """The state at t = 0 from a parabola through the first 0.2 s of poses."""
     near = t <= 0.2
-    fit = np.polynomial.polynomial.polyfit(t[near], pose[near], min(2, int(near.sum()) - 1))
+    degree = min(2, int(near.sum()) - 1)
+    fit: Array = np.polynomial.polynomial.polyfit(t[near], pose[near], degree).astype(np.float64)
     rates = fit[1] if len(fit) > 1 else np.zeros(6)
     return np.concatenate([fit[0, :3], rates[:3], fit[0, 3:], rates[3:]])
