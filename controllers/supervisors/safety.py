@@ -91,7 +91,7 @@ class SafetySupervisor:
         self._solved_at, self._has_solver = 0, True
         self._standing_since: int | None = None
         self._planned_down_since: int | None = None
-        self._thrust = 0.0
+        self._thrust, self._fell_blind = 0.0, False
 
     def order(self, now: int, estimate: Estimate | None, plan: Reference) -> Order:
         """Decide on the phase, and what to fly in it."""
@@ -225,6 +225,9 @@ class SafetySupervisor:
         is that of every law in a blind descent, for the estimated height is that of a model without heave damping.
         """
         is_blind = estimate is None or 1e-9 * (now - estimate.pose_stamp) > self._spec.coast_after
+        # To the floor: the first poses after a blind fall leave its speed uncertain, and there is no time to find it.
+        self._fell_blind |= is_blind and self.phase == "landing"
+        is_blind |= self._fell_blind
         reference = hold(self._model, plan.stamp, len(plan.u), self._place)
         if self.phase == "landing":
             descent = self._descent if is_blind else self._seen_descent
