@@ -99,8 +99,8 @@ if __name__ == "__main__":
         with fleet(2) as run:
             list(run(work, [None] * 4))
     elif sys.argv[3] == "paper":
-        flights.fly_task = work
-        flights.fly_all(folder, [Task(str(i), plan_of(study).space.base, "", True, True, None) for i in range(4)])
+        tasks = [Task(str(i), plan_of(study).space.base, "", True, True, None) for i in range(4)]
+        flights.fly_all(folder, [(work, tasks)])
     else:
         run_study(study, folder / "out", backend=lambda plan, timeout: embedded(plan, timeout, 2), work=work)
 """
