@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 from controllers.signals import Array
 from heli_twin.lab.plant import Battery
 
-PERIOD_NS = 10_000_000
+PERIOD_NS = 20_000_000
 """Time between two updates of the effects."""
 
 
