@@ -22,7 +22,7 @@ _OF_AXIS = np.array([[0, 2, 4, 5, 6], [1, 3, 7, 8, 9]])
 
 
 class Disturbances(NamedTuple):
-    """What acts on the helicopter besides its inputs, as estimated now."""
+    """Estimated disturbances: gust, trim and push."""
 
     gust: Array
     """(2,) acceleration by gusts, world, m/s^2; it fades."""

@@ -41,7 +41,7 @@ ESTIMATED_STATES = (
     *(NamedState(f"gust_{axis}", "m/s^2") for axis in "xy"),
     *(NamedState(f"trim_{axis}", "full stick") for axis in "xy"),
 )
-"""What an estimator adds to the eight physical states; the gust is in the world frame."""
+"""The states of an estimate beyond the eight physical ones; the gust is in the world frame."""
 N_DETAILED = 8 + len(EXTRA_STATES)
 """Number of states: the eight of (1), then a j s of x, a j s of y, T and n."""
 

@@ -108,7 +108,7 @@ class LineProcess:
                 raise ProcessFailed(self._end())
 
     def _end(self) -> str:
-        """How it ended, once its output is closed."""
+        """The reason of its end, once its output is closed."""
         try:
             code = self._process.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:

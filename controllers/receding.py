@@ -19,7 +19,7 @@ from controllers.signals import NX, Array, Command, Estimate, Plan, QpReport, Re
 
 
 class RecedingSpec(Protocol):
-    """What a law has to say for its steps."""
+    """The fields of a law that its receding-horizon steps need."""
 
     @property
     def model(self) -> Model:

@@ -1,6 +1,7 @@
 """LTV-MPC with the detailed model: attitude, servos, lags and gusts are in the plan."""
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import cos, sin
 from typing import Annotated, Literal
 
@@ -51,9 +52,8 @@ class DetailedMpc:
         Raises:
             ValueError: The Riccati equation has no solution in double precision.
         """
-        hover = self.hover()
         try:
-            _terminal(self, hover)
+            _terminal(self)
         except (ValueError, np.linalg.LinAlgError) as error:
             raise ValueError(
                 f"there is no terminal weight for these Q and R: {error}; choose them nearer to their defaults"
@@ -97,7 +97,7 @@ class DetailedMpcController(RecedingHorizon):
         self._model = spec.model
         self._linearise = DetailedLinearisation(spec.model, spec.period, spec.steps)
         hover = spec.hover()
-        Qf, self._gust_target = _terminal(spec, hover)
+        Qf, self._gust_target = _terminal(spec)
         sqrt_Q = np.zeros(N_DETAILED)
         sqrt_Q[:8] = np.sqrt(spec.Q)
         super().__init__(spec, (PLANE, HEIGHT_AND_YAW), Weights(sqrt_Q, np.array(spec.R), Qf), hover)
@@ -129,12 +129,14 @@ class DetailedMpcController(RecedingHorizon):
         return ltv, self.condensed(ltv, weights, x_off, u_nominal - u_ref)
 
 
-def _terminal(spec: DetailedMpc, hover: Ltv) -> tuple[Array, Array]:
+@lru_cache(8)
+def _terminal(spec: DetailedMpc) -> tuple[Array, Array]:
     """Root of the terminal weight (16, 16) at yaw = 0, and the error (10, 2) of the plane that a gust amounts to.
 
-    The cost-to-go of the plane with gusts g is x'Px + 2 x'Pg g + ...: the same as of an error x + inv(P) Pg g.
+    Cached: a law is checked with it before every flight. The cost-to-go of the plane with gusts g is
+    x'Px + 2 x'Pg g + ...: the same as of an error x + inv(P) Pg g.
     """
-    root, Q = np.zeros((N_DETAILED, N_DETAILED)), np.zeros(N_DETAILED)
+    root, Q, hover = np.zeros((N_DETAILED, N_DETAILED)), np.zeros(N_DETAILED), spec.hover()
     Q[:8] = spec.Q
     linearise = DetailedLinearisation(spec.model, spec.period, spec.steps)
     A, B = _with_gust(hover, linearise)
@@ -145,7 +147,10 @@ def _terminal(spec: DetailedMpc, hover: Ltv) -> tuple[Array, Array]:
     AB, n = HEIGHT_AND_YAW.matrices(hover)[0], len(HEIGHT_AND_YAW.states)
     low = riccati_terminal_weight(AB[:, :n], AB[:, n:], np.diag(Q[HEIGHT_AND_YAW.states]), np.diag(spec.R[2:]))
     root[np.ix_(HEIGHT_AND_YAW.states, HEIGHT_AND_YAW.states)] = sqrt_weight(low)
-    return root, np.asarray(np.linalg.solve(P[:10, :10], P[:10, 10:]), np.float64)
+    of_gust = np.asarray(np.linalg.solve(P[:10, :10], P[:10, 10:]), np.float64)
+    for shared in (root, of_gust):
+        shared.setflags(write=False)
+    return root, of_gust
 
 
 def _with_gust(hover: Ltv, linearise: DetailedLinearisation) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from controllers.model import Model
 from controllers.signals import Array, Command, Estimate, Reference, nanoseconds
 from controllers.supervisors import Order, Phase, PhaseChange
 
-LINGERS = "the plan has come down, and the helicopter has not"
+LINGERS = "the plan ended on the floor while it hovered just above"
 """The reason of a landing that was planned."""
 PRESSING = 0.85
 """Share of hover thrust that takes down a helicopter that should stand already: ground effect adds an eighth."""

@@ -40,7 +40,7 @@ SERVO_SUSPECT = 1.5
 
 
 class Known(NamedTuple):
-    """What is known of one parameter."""
+    """Value and interval of one parameter."""
 
     value: float
     low: float
@@ -74,7 +74,7 @@ class Calibrated:
 
     @property
     def parameters(self) -> dict[str, Known]:
-        """What is known of every parameter, by name."""
+        """Values and intervals of all parameters, by name."""
         known = {}
         for i, p in enumerate(PARAMETERS):
             # An effect that was left out: what the fit with all of them said.

@@ -22,7 +22,7 @@ THRUST_EXPONENT, CURRENT_EXPONENT = 1.6, 1.5
 
 
 class Drive(NamedTuple):
-    """What moves the helicopter at every step of a flight, for one vector of parameters."""
+    """Forces and moments of the actuators at every step of a flight, for one vector of parameters."""
 
     pitch: Array
     """(steps,) swashplate, full stick."""

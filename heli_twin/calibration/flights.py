@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ from controllers.trajectories.doublets import Doublets
 from heli_twin.calibration.checks import CalibrationError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import load
-from heli_twin.workers.fleet import fleet
+from heli_twin.mission import fly_into
 
 FITTED = ("calibrate_plane", "calibrate_height_yaw")
 """Presets of the flights that the fit uses."""
@@ -55,25 +54,16 @@ def fly_them(flights: list[Planned], folder: Path, progress: Callable[[], None] 
         CalibrationError: A flight ended early.
     """
     logs: list[Path] = []
-    with fleet() as run:
-        for path in run(partial(_flown, folder), flights):
-            logs.append(path)
-            progress()
+    for flight, (path, outcome) in zip(flights, fly_into(folder, [f.experiment for f in flights]), strict=True):
+        if outcome.kind != "completed":
+            raise CalibrationError(
+                f"the flight {flight.name} failed, it {outcome.text} (see {path}): fly with smaller motions, such as"
+                f" `heli-twin fly {flight.name} trajectory.x=0.5 trajectory.y=0.5 excitation.pitch=0.08`, and give its"
+                " log to `heli-twin calibrate`"
+            )
+        logs.append(path)
+        progress()
     return logs
-
-
-def _flown(folder: Path, flight: Planned) -> Path:
-    from heli_twin.mission import fly
-
-    result = fly(flight.experiment, log_dir=folder)
-    assert result.path is not None
-    if result.outcome.kind != "completed":
-        raise CalibrationError(
-            f"the flight {flight.name} failed, it {result.outcome.text} (see {result.path}): fly with smaller motions,"
-            f" such as `heli-twin fly {flight.name} trajectory.x=0.5 trajectory.y=0.5 excitation.pitch=0.08`, and give"
-            " its log to `heli-twin calibrate`"
-        )
-    return result.path
 
 
 def card(flight: Planned) -> str:

@@ -27,7 +27,7 @@ ROTOR_RADIUS_M, LOWER_HUB_M, DAMPING_LOSS = 0.095, 0.028, 3.0
 
 
 class Lanes(NamedTuple):
-    """What is simulated side by side: p variants of w windows."""
+    """The states that are simulated side by side: p variants of w windows."""
 
     theta: Array
     """(p, n) the fit's vectors."""

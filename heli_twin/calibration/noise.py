@@ -136,7 +136,7 @@ _SLOW = np.exp(-_LAGS / SLOW_TIME_S)
 
 
 class Windage(NamedTuple):
-    """What the covariance of each window is made of; it changes with the parameters, slowly."""
+    """The parts of each window's covariance, which changes slowly with the parameters."""
 
     wind: Array
     torque: Array

@@ -1,4 +1,4 @@
-"""What is fitted: the parameters of the twin that poses and commands can tell, with their priors.
+"""The fitted parameters: those of the twin that poses and commands can tell, with their priors.
 
 Mass, absolute inertias and the parts of the delay cannot be told: what is fitted are ratios and sums. The prior is the
 helicopter that is given, with a spread so wide that it speaks only where the flights do not.
@@ -83,7 +83,7 @@ def vector(values_: Array) -> Array:
 
 @dataclass(frozen=True)
 class Lab:
-    """What is known without a fit: of the radio, and of the helicopter's build."""
+    """Values known without a fit: of the radio, and of the helicopter's build."""
 
     frame_period: float
     """Of the radio, s; 0 without frames."""

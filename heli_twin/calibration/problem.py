@@ -64,7 +64,7 @@ FIXED = 1e-5
 
 
 class State(NamedTuple):
-    """What is being fitted."""
+    """The unknowns of a fit."""
 
     theta: Array
     """(n,) parameters; logarithms of positive ones."""

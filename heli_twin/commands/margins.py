@@ -47,18 +47,13 @@ def run(parsed: Namespace) -> int:
             of_all[helicopter] = law_margins(experiment, helicopter)
             bar.advance(task)
     if parsed.json:
-        plain = {helicopter: {axis: as_json(m) for axis, m in loops.items()} for helicopter, loops in of_all.items()}
+        plain = {helicopter: {axis: m.plain() for axis, m in loops.items()} for helicopter, loops in of_all.items()}
         print(json.dumps(plain, indent=2, allow_nan=False))
         return 0
     titles = ("on the twin", "on the helicopter that the law believes in")
     for helicopter, title in zip(HELICOPTERS, titles, strict=True):
         print_margins(f"margins {title}", of_all[helicopter])
     return 0
-
-
-def as_json(m: "Margins") -> dict[str, float | None]:
-    """Margins of a loop; None for one that is infinite."""
-    return {name: value if isfinite(value) else None for name, value in m._asdict().items()}
 
 
 def print_margins(title: str, loops: "dict[str, Margins]") -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, file_path, progress_bar, say
-from heli_twin.commands.margins import as_json, print_margins
+from heli_twin.commands.margins import print_margins
 from heli_twin.errors import HeliTwinError
 from heli_twin.terminal_text import pasteable
 from heli_twin.whole_file import write_whole
@@ -73,7 +73,7 @@ def run(parsed: Namespace) -> int:
         except OSError as error:
             raise HeliTwinError(f"cannot write {parsed.save}: {error.strerror}") from None
     if parsed.json:
-        plain = {axis: as_json(m) for axis, m in of_loops.items()}
+        plain = {axis: m.plain() for axis, m in of_loops.items()}
         print(json.dumps(tuned.as_json() | {"margins": plain}, indent=2, allow_nan=False))
     else:
         show(tuned, text, parsed.save)

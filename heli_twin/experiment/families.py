@@ -248,7 +248,7 @@ def _family_of(spec: type) -> str:
 
 
 def needs_of_families() -> str:
-    """What a class of each family needs, for a person: `trajectories flat; laws period, steps, model, start; ...`."""
+    """The members of each family's classes, for a person: `trajectories flat; laws period, steps, model, start`."""
     return "; ".join(f"{package.rpartition('.')[2]} {', '.join(needs)}" for package, needs in _NEEDS.items())
 
 

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from controllers.trajectories.doublets import Doublets
 from heli_twin.experiment import Experiment
 from heli_twin.identification.fit import IdentificationError
-from heli_twin.workers.fleet import fleet
+from heli_twin.mission import fly_into
 
 PLANE_FLIGHTS, HEIGHT_AND_YAW_FLIGHTS = 6, 2
 DURATION_S = {"plane": 60.0, "height_and_yaw": 40.0}
@@ -49,21 +48,13 @@ def fly_them(flights: list[Experiment], folder: Path, progress: Callable[[], Non
         IdentificationError: A flight ended early.
     """
     logs: list[Path] = []
-    with fleet() as run:
-        for path in run(partial(_flown, folder), flights):
-            logs.append(path)
-            progress()
+    for path, outcome in fly_into(folder, flights):
+        if outcome.kind != "completed":
+            raise IdentificationError(
+                f"a flight of doublets failed, it {outcome.text} (see {path}): make them smaller, such as"
+                " trajectory=doublets trajectory.x=0.5 trajectory.y=0.5, or choose a controller that flies this"
+                " helicopter"
+            )
+        logs.append(path)
+        progress()
     return logs
-
-
-def _flown(folder: Path, experiment: Experiment) -> Path:
-    from heli_twin.mission import fly
-
-    result = fly(experiment, log_dir=folder)
-    assert result.path is not None
-    if result.outcome.kind != "completed":
-        raise IdentificationError(
-            f"a flight of doublets failed, it {result.outcome.text} (see {result.path}): make them smaller, such as"
-            " trajectory=doublets trajectory.x=0.5 trajectory.y=0.5, or choose a controller that flies this helicopter"
-        )
-    return result.path

@@ -32,7 +32,7 @@ class LoopResponse(NamedTuple):
 
 
 class Margins(NamedTuple):
-    """How far a loop is from instability; infinite where it never gets there at the measured frequencies."""
+    """Stability margins of a loop; infinite where it stays stable at all measured frequencies."""
 
     gain: float
     """Factor on the loop gain at which it becomes unstable, above 1."""
@@ -42,6 +42,10 @@ class Margins(NamedTuple):
     """Ms, the largest |S|: 1 / Ms is the least distance of L to -1."""
     crossover: float
     """Highest frequency at which |L| = 1, rad/s; 0 if there is none."""
+
+    def plain(self) -> dict[str, float | None]:
+        """Return the margins for JSON; None for one that is infinite."""
+        return {name: value if np.isfinite(value) else None for name, value in self._asdict().items()}
 
 
 def loop_responses(log: Log, probe: Multisine, settled: float = 5.0) -> dict[str, LoopResponse]:

@@ -49,7 +49,7 @@ def bound_curve(model: DetailedModel, axis: int) -> BoundCurve:
 
 
 def helicopter(cases: tuple[str, ...]) -> DetailedModel:
-    """What the detailed law believes in: in these labs it is what the helicopter and its gusts are."""
+    """The believed model of the detailed law, which in these labs is that of the helicopter and its gusts."""
     law = CASES[cases[-1]].experiment(0, 1.0).controller
     assert isinstance(law, DetailedMpc)
     return law.model

@@ -1,4 +1,4 @@
-"""How far each compared law is from instability, and how its errors change with the helicopter."""
+"""Stability margins of each compared law, and its errors on other helicopters."""
 
 from collections.abc import Iterator, Mapping
 from math import isfinite

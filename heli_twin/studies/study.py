@@ -226,7 +226,7 @@ def stored_study(tree: Tree) -> Study:
 
 @dataclass(frozen=True, slots=True)
 class FlownDesign:
-    """What stands for a design of a user's own when its flights are looked at: it plans nothing more."""
+    """A stand-in for a design of a user's own when its flights are looked at: it plans nothing more."""
 
     adaptive: ClassVar[bool] = False
     kind: Literal["flown"] = "flown"

@@ -1,4 +1,4 @@
-"""How well a helicopter can be hovered at all: the error of the best linear controller for its gusts and its delays.
+"""The least error of hovering: that of the best linear controller for its gusts and its delays.
 
 The linear-quadratic-Gaussian (LQG) controller knows the linear model of each horizontal axis exactly, with the
 statistics of gusts and cameras, and minimises position^2 + rho u^2. A smaller rho allows more stick: over rho, the
@@ -164,7 +164,7 @@ def _simulated(plant: Axis, K: Array, loop: Loop, runs: int, steps: int) -> tupl
 
 
 def _moved(plant: Axis, loop: Loop, start: float, end: float) -> Array:
-    """What each of the latest commands does to the states between two times, s after a control step: (7, commands).
+    """Effect of each of the latest commands on the states between two times, s after a control step: (7, commands).
 
     The j-th latest command, counted from 0, acts from `delay - (j + 1) period` until `delay - j period`.
     """

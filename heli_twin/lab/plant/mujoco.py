@@ -140,7 +140,7 @@ class MuJoCo:
 
 
 class Spec(Protocol):
-    """What a flying MuJoCo helicopter is told about itself, beside its model."""
+    """Facts about a flying helicopter beside its MuJoCo model."""
 
     @property
     def step_ns(self) -> int:

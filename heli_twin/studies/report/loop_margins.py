@@ -1,7 +1,7 @@
 """Stability margins of a study's alternatives, measured once and kept beside its results."""
 
 import json
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 
 from heli_twin.errors import HeliTwinError
@@ -34,12 +34,8 @@ def measure_margins(folder: Path) -> None:
         except HeliTwinError as error:
             of_all[name] = str(error)
         else:
-            of_all[name] = {axis: _plain(m) for axis, m in found.items()}
+            of_all[name] = {axis: m.plain() for axis, m in found.items()}
     write_whole(folder / FILE, json.dumps(of_all, indent=2, allow_nan=False).encode())
-
-
-def _plain(m: Margins) -> dict[str, float | None]:
-    return {name: value if isfinite(value) else None for name, value in m._asdict().items()}
 
 
 def read_margins(folder: Path) -> dict[str, OfLaw]:
