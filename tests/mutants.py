@@ -43,6 +43,7 @@ OTHER_NAMES = {
     "controllers/detailed_ltv.py": ["controllers/test_detailed_model.py", "controllers/test_detailed_flight.py"],
     "controllers/detailed_flatness.py": ["controllers/test_detailed_model.py", "controllers/test_detailed_flight.py"],
     "controllers/laws/detailed_mpc.py": ["controllers/test_detailed_flight.py", "controllers/test_detailed_model.py"],
+    "controllers/detailed_motion.py": ["controllers/test_detailed_kalman.py", "controllers/test_detailed_flight.py"],
     "controllers/estimators/detailed_kalman.py": [
         "controllers/test_detailed_kalman.py",
         "controllers/test_detailed_flight.py",
