@@ -1,15 +1,15 @@
 """Flies an experiment: checks it, flies it, keeps its log and computes its metrics."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cached_property, partial
+from functools import cached_property
 from io import BytesIO
 from math import floor
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,7 +35,6 @@ from heli_twin.recording import Attachment, Log, LogExistsError, Recorder, read_
 from heli_twin.recording.state_names import trouble_with
 from heli_twin.recording.writer import Listener
 from heli_twin.whole_file import free_path
-from heli_twin.workers.fleet import fleet
 
 if TYPE_CHECKING:
     from heli_twin.viewing.live import Live
@@ -267,22 +266,3 @@ def _begin_log(
         except LogExistsError:
             # Another process took the name since `free_path` returned it: try the next one.
             continue
-
-
-class Logged(NamedTuple):
-    """A flight that left a log."""
-
-    path: Path
-    outcome: Outcome
-
-
-def fly_into(folder: Path, experiments: Sequence[Experiment]) -> Iterator[Logged]:
-    """Fly experiments, one a core at a time, and yield their logs in `folder` in the order of the experiments."""
-    with fleet() as run:
-        yield from run(partial(_logged, folder), experiments)
-
-
-def _logged(folder: Path, experiment: Experiment) -> Logged:
-    result = fly(experiment, log_dir=folder)
-    assert result.path is not None
-    return Logged(result.path, result.outcome)

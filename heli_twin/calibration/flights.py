@@ -12,7 +12,7 @@ from controllers.trajectories.doublets import Doublets
 from heli_twin.calibration.checks import CalibrationError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import load
-from heli_twin.mission import fly_into
+from heli_twin.flown_logs import fly_into
 
 FITTED = ("calibrate_plane", "calibrate_height_yaw")
 """Presets of the flights that the fit uses."""

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from controllers.trajectories.doublets import Doublets
 from heli_twin.experiment import Experiment
+from heli_twin.flown_logs import fly_into
 from heli_twin.identification.fit import IdentificationError
-from heli_twin.mission import fly_into
 
 PLANE_FLIGHTS, HEIGHT_AND_YAW_FLIGHTS = 6, 2
 DURATION_S = {"plane": 60.0, "height_and_yaw": 40.0}
