@@ -22,8 +22,21 @@ STEP_S = 1e-3
 WINDOW_STEPS, BIN_STEPS = 2000, 20
 BINS = WINDOW_STEPS // BIN_STEPS
 CHANNELS = ("x", "y", "z", "yaw", "pitch", "roll")
-LEAST_BINS = 60
-"""A window with fewer bins that hold a pose is left out."""
+LEAST_SHARE = 0.6
+"""Share of the bins of a window that hold a pose; with fewer it is left out."""
+
+
+class Cut(NamedTuple):
+    """How a flight is cut into windows."""
+
+    steps: int = WINDOW_STEPS
+    """Length of a window, a whole number of bins."""
+    every: int = WINDOW_STEPS
+    """Steps from the begin of one window to that of the next; fewer than its length, and windows overlap."""
+
+
+FITTED = Cut()
+"""Windows of 2 s, one after the other."""
 
 
 class Windows(NamedTuple):
@@ -32,13 +45,13 @@ class Windows(NamedTuple):
     first: NDArray[np.int64]
     """(w,) first step of each, on the grid of the flight."""
     y: Array
-    """(w, BINS, 6) mean pose of each bin: x y z yaw pitch roll; 0 where there is none."""
+    """(w, bins, 6) mean pose of each bin: x y z yaw pitch roll; 0 where there is none."""
     frames: Array
-    """(w, BINS) number of poses in each bin."""
+    """(w, bins) number of poses in each bin."""
     weights: Array
-    """(w, WINDOW_STEPS + 1) share of each step in the mean of its bin."""
+    """(w, steps + 1) share of each step in the mean of its bin."""
     early: Array
-    """(w, BINS) share of the first step after each bin in that bin's mean."""
+    """(w, bins) share of the first step after each bin in that bin's mean."""
     start: Array
     """(w, 12) guess of the first state: position, velocity, yaw pitch roll, and their rates."""
 
@@ -58,7 +71,7 @@ class Flight(NamedTuple):
     @property
     def seconds(self) -> float:
         """Length of all windows together."""
-        return len(self.windows.first) * WINDOW_STEPS * STEP_S
+        return self.windows.weights[:, :-1].size * STEP_S
 
 
 class Held:
@@ -140,7 +153,7 @@ class Sent:
         return Held(acts, share * self.u[newest] + (1.0 - share) * self.u[before])
 
 
-def flight_of(log: Log, name: str, lab: Lab, seed: int | None) -> Flight | None:
+def flight_of(log: Log, name: str, lab: Lab, seed: int | None, cut: Cut = FITTED) -> Flight | None:
     """Return a log as windows; None if it has not a single one.
 
     Args:
@@ -148,6 +161,7 @@ def flight_of(log: Log, name: str, lab: Lab, seed: int | None) -> Flight | None:
         name: Of the log, in messages.
         lab: What is known of the radio.
         seed: Of the flight, if it is one of the twin.
+        cut: Length and spacing of the windows.
     """
     t, position, quat = clean_poses(log)
     if len(log.sent.time) < 2 or len(t) < 2:
@@ -158,11 +172,11 @@ def flight_of(log: Log, name: str, lab: Lab, seed: int | None) -> Flight | None:
     origin = 1e-9 * float(log.sent.time[0])
     end = min(1e-9 * float(log.sent.time[-1]), float(t[-1]))
     inside = (t >= origin + WARM_UP_S) & (t <= end) & (pose[:, 2] > MIN_HEIGHT_M)
-    cut = list(_windows((t[inside] - origin) / STEP_S, pose[inside]))
-    if not cut:
+    pieces = list(_windows((t[inside] - origin) / STEP_S, pose[inside], cut))
+    if not pieces:
         return None
-    windows = Windows(*(np.stack(column) for column in zip(*cut, strict=True)))
-    return Flight(name, seed, origin, int(windows.first[-1]) + WINDOW_STEPS + 1, Sent(log, lab), windows)
+    windows = Windows(*(np.stack(column) for column in zip(*pieces, strict=True)))
+    return Flight(name, seed, origin, int(windows.first[-1]) + cut.steps + 1, Sent(log, lab), windows)
 
 
 def _angles(quat: Array) -> Array:
@@ -182,29 +196,29 @@ def _steady(angles: Array) -> NDArray[np.bool_]:
     return np.asarray((np.abs(angles - around) < MAX_JUMP_RAD).all(axis=1))
 
 
-def _windows(s: Array, pose: Array) -> Iterator[tuple[int, Array, Array, Array, Array, Array]]:
+def _windows(s: Array, pose: Array, cut: Cut) -> Iterator[tuple[int, Array, Array, Array, Array, Array]]:
     """Cut poses at times s (n,), in steps, into windows; each begins with a pose."""
     i = 0
     while i < len(s):
         # A step that a pose was taken at, up to rounding, so that bins hold the same number of poses.
         first = int(np.floor(s[i] + 1e-6))
-        j = int(np.searchsorted(s, first + WINDOW_STEPS - 1e-6))
-        window = _window(s[i:j] - first, pose[i:j])
+        j = int(np.searchsorted(s, first + cut.steps - 1e-6))
+        window = _window(s[i:j] - first, pose[i:j], cut.steps)
         if window is not None:
             yield first, *window
-        i = max(j, i + 1)
+        i = max(int(np.searchsorted(s, first + cut.every - 1e-6)), i + 1)
 
 
-def _window(s: Array, pose: Array) -> tuple[Array, Array, Array, Array, Array] | None:
+def _window(s: Array, pose: Array, steps: int) -> tuple[Array, Array, Array, Array, Array] | None:
     step = np.floor(s + 1e-6).astype(np.int64)
     share = np.clip(s - step, 0.0, 1.0)
-    bins = step // BIN_STEPS
-    frames = np.bincount(bins, minlength=BINS).astype(np.float64)
-    if np.count_nonzero(frames) < LEAST_BINS or frames[0] == 0:
+    bins, count = step // BIN_STEPS, steps // BIN_STEPS
+    frames = np.bincount(bins, minlength=count).astype(np.float64)
+    if np.count_nonzero(frames) < LEAST_SHARE * count or frames[0] == 0:
         return None
     many = np.maximum(frames, 1.0)
-    y = np.stack([np.bincount(bins, column, BINS) for column in pose.T], axis=-1) / many[:, None]
-    weights, early = np.zeros(WINDOW_STEPS + 1), np.zeros(BINS)
+    y = np.stack([np.bincount(bins, column, count) for column in pose.T], axis=-1) / many[:, None]
+    weights, early = np.zeros(steps + 1), np.zeros(count)
     np.add.at(weights, step, (1.0 - share) / many[bins])
     crosses = (step + 1) % BIN_STEPS == 0
     np.add.at(weights, step[~crosses] + 1, (share / many[bins])[~crosses])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from controllers.model import GRAVITY
 from controllers.signals import Array
-from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, WINDOW_STEPS
+from heli_twin.calibration.data import BIN_STEPS, STEP_S
 from heli_twin.calibration.parameters import INDEX, Lab, values
 
 ROTOR_RADIUS_M, LOWER_HUB_M, DAMPING_LOSS = 0.095, 0.028, 3.0
@@ -36,18 +36,18 @@ class Lanes(NamedTuple):
     push: Array
     """(p, w, 3) acceleration, world, m/s^2."""
     drive: Array
-    """(WINDOW_STEPS, d, 4, w) pitch, roll, thrust per mass, yaw of d different drives."""
+    """(steps, d, 4, w) pitch, roll, thrust per mass, yaw of d different drives."""
     which: NDArray[np.int64]
     """(p,) the drive of each variant."""
 
 
 def simulate(lanes: Lanes, weights: Array, early: Array, lab: Lab) -> Array:
-    """Return the mean pose of each bin (p, w, BINS, 6): x y z yaw pitch roll of the centre of gravity.
+    """Return the mean pose of each bin (p, w, bins, 6): x y z yaw pitch roll of the centre of gravity.
 
     Args:
         lanes: What to simulate.
-        weights: (w, WINDOW_STEPS + 1) share of each step in its bin.
-        early: (w, BINS) share of the first step after each bin.
+        weights: (w, steps + 1) share of each step in its bin.
+        early: (w, bins) share of the first step after each bin.
         lab: The build.
     """
     p, w = lanes.push.shape[:2]
@@ -56,8 +56,8 @@ def simulate(lanes: Lanes, weights: Array, early: Array, lab: Lab) -> Array:
     seen_early: NDArray[np.bool_] = np.asarray(early.any(axis=0))
     state = np.ascontiguousarray(np.moveaxis(lanes.start, -1, 0))
     pose, rate = _split(state)
-    out = np.zeros((BINS, 6, p, w))
-    for k in range(WINDOW_STEPS):
+    out = np.zeros((early.shape[1], 6, p, w))
+    for k in range(len(lanes.drive)):
         if seen[k]:
             out[k // BIN_STEPS] += weights[:, k] * pose
         if k % BIN_STEPS == 0 and k and seen_early[k // BIN_STEPS - 1]:

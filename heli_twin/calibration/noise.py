@@ -21,7 +21,7 @@ from scipy.linalg import lapack as _lapack
 
 from controllers.model import GRAVITY
 from controllers.signals import Array
-from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S
+from heli_twin.calibration.data import BIN_STEPS, STEP_S
 from heli_twin.calibration.parameters import INDEX, values
 
 BIN_S = BIN_STEPS * STEP_S
@@ -56,9 +56,9 @@ class Weighted(NamedTuple):
 
     windows: slice
     plane: Array
-    """(w, 4 BINS, 4 BINS) inverse covariance of x y pitch roll."""
+    """(w, 4 bins, 4 bins) inverse covariance of x y pitch roll."""
     z: Array
-    """(w, BINS, BINS)."""
+    """(w, bins, bins)."""
     yaw: Array
     log_det: Array
     """(w,) logarithm of the determinant of C."""
@@ -79,17 +79,17 @@ def _dot(part: Part, vectors: Array) -> Array:
 
 
 def wind_response(theta: Array, yaw: Array) -> Array:
-    """Return the response of x y pitch roll of each bin to wind in each bin, (w, 4 BINS, 2 BINS).
+    """Return the response of x y pitch roll of each bin to wind in each bin, (w, 4 bins, 2 bins).
 
     Args:
         theta: (n,) the fit's vector.
-        yaw: (w, BINS) heading.
+        yaw: (w, bins) heading.
     """
     return _response(theta, yaw, is_wind=True)
 
 
 def torque_response(theta: Array, yaw: Array) -> Array:
-    """Return the response of x y pitch roll to angular accelerations of pitch and roll, (w, 4 BINS, 2 BINS)."""
+    """Return the response of x y pitch roll to angular accelerations of pitch and roll, (w, 4 bins, 2 bins)."""
     return _response(theta, yaw, is_wind=False)
 
 
@@ -98,11 +98,11 @@ def _response(theta: Array, yaw: Array, *, is_wind: bool) -> Array:
     kx, ky, hub = c["drag_x_per_mass"], c["drag_y_per_mass"], c["hub_drag_per_iyy"]
     ratio, w2 = c["iyy_per_ixx"], c["attitude_frequency"] ** 2
     damp = 2.0 * c["attitude_damping"] * c["attitude_frequency"]
-    w, h = len(yaw), BIN_S / SUBSTEPS
+    (w, n), h = yaw.shape, BIN_S / SUBSTEPS
     cos, sin = np.cos(yaw)[:, None, :], np.sin(yaw)[:, None, :]
-    out = np.zeros((w, 4, BINS, 2, BINS))
-    px, py, vx, vy, t, r, tt, rr = np.zeros((8, w, 2, BINS))
-    for k in range(BINS):
+    out = np.zeros((w, 4, n, 2, n))
+    px, py, vx, vy, t, r, tt, rr = np.zeros((8, w, 2, n))
+    for k in range(n):
         live = slice(0, k + 1)
         force = np.zeros((2, 2, k + 1))
         force[0, 0, k] = force[1, 1, k] = 1.0
@@ -120,19 +120,20 @@ def _response(theta: Array, yaw: Array, *, is_wind: bool) -> Array:
             for i, (state, speed) in enumerate(((P, VX), (Q, VY), (T, TT), (R, RR))):
                 state += h * speed
                 out[:, i, k, :, live] += state / SUBSTEPS
-    return out.reshape(w, 4 * BINS, 2 * BINS)
+    return out.reshape(w, 4 * n, 2 * n)
 
 
-def _integrators(damping: float) -> Array:
-    """Response (BINS, BINS) of an angle or a height to an acceleration in each bin."""
-    since = BIN_S * np.maximum(np.arange(BINS)[:, None] - np.arange(BINS)[None, :] + 0.5, 0.0)
+def _integrators(damping: float, n: int) -> Array:
+    """Response (n, n) of an angle or a height to an acceleration in each bin."""
+    since = BIN_S * np.maximum(np.arange(n)[:, None] - np.arange(n)[None, :] + 0.5, 0.0)
     if damping < 1e-6:
         return BIN_S * since
     return BIN_S * (1.0 - np.exp(-damping * since)) / damping
 
 
-_LAGS = BIN_S * np.abs(np.subtract.outer(np.arange(BINS), np.arange(BINS)))
-_SLOW = np.exp(-_LAGS / SLOW_TIME_S)
+def _lags(n: int) -> Array:
+    """Times (n, n) between bins, s."""
+    return BIN_S * np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
 
 
 class Windage(NamedTuple):
@@ -143,13 +144,14 @@ class Windage(NamedTuple):
     z: Array
     yaw: Array
     frames: Array
-    """(w, BINS) poses in each bin."""
+    """(w, bins) poses in each bin."""
 
 
 def windage(theta: Array, yaw: Array, frames: Array) -> Windage:
     """Return the responses to everything random."""
     torque = torque_response(theta, yaw)
-    z, turn = _integrators(0.0), _integrators(float(values(theta)[INDEX["yaw_damping_per_izz"]]))
+    damping, n = float(values(theta)[INDEX["yaw_damping_per_izz"]]), frames.shape[1]
+    z, turn = _integrators(0.0, n), _integrators(damping, n)
     return Windage(wind_response(theta, yaw), torque @ torque.transpose(0, 2, 1), z @ z.T, turn @ turn.T, frames)
 
 
@@ -168,21 +170,21 @@ def weighted(air: Windage, eta: Array, *, with_parts: bool) -> Iterator[Weighted
 def _chunk(air: Windage, eta: Array, windows: slice, with_parts: bool) -> Weighted:
     s = np.exp(2.0 * eta)
     wind, frames = air.wind[windows], air.frames[windows]
-    w = len(frames)
-    present = frames > 0
+    w, n = frames.shape
+    present, fading = frames > 0, np.exp(-_lags(n) / SLOW_TIME_S)
     many = np.where(present, frames, 1.0)
     keep = np.concatenate([present] * 4, axis=1)
     gust = s[0] * _gust(wind, np.exp(eta[1])) * _outer(keep)
     torque = s[2] * air.torque[windows] * _outer(keep)
-    slow = np.zeros((w, 4 * BINS, 4 * BINS))
-    slow[:, :BINS, :BINS] = slow[:, BINS : 2 * BINS, BINS : 2 * BINS] = s[3] * _SLOW * _outer(present)
-    zero, white = np.zeros((w, BINS)), np.where(present, 1.0 / many, 0.0)
+    slow = np.zeros((w, 4 * n, 4 * n))
+    slow[:, :n, :n] = slow[:, n : 2 * n, n : 2 * n] = s[3] * fading * _outer(present)
+    zero, white = np.zeros((w, n)), np.where(present, 1.0 / many, 0.0)
     place = np.concatenate([s[4] * white, s[4] * white, zero, zero], axis=1)
     angle = np.concatenate([zero, zero, s[5] * white, s[5] * white], axis=1)
     plane = gust + torque + slow
     _add_diagonal(plane, np.where(keep, place + angle, 1.0))
     z_jitter = s[6] * air.z * _outer(present)
-    z_slow = s[3] * _SLOW * _outer(present)
+    z_slow = s[3] * fading * _outer(present)
     z = z_jitter + z_slow
     _add_diagonal(z, np.where(present, s[4] * white, 1.0))
     yaw_jitter = s[7] * air.yaw * _outer(present)
@@ -213,8 +215,9 @@ PART_OF = (0, 1, 2, 3, 3, 4, 4, 5, 6, 7, 8)
 
 
 def _gust(wind: Array, time: float) -> Array:
-    correlation = np.exp(-_LAGS / time)
-    north, west = wind[:, :, :BINS], wind[:, :, BINS:]
+    n = wind.shape[-1] // 2
+    correlation = np.exp(-_lags(n) / time)
+    north, west = wind[:, :, :n], wind[:, :, n:]
     return north @ correlation @ north.transpose(0, 2, 1) + west @ correlation @ west.transpose(0, 2, 1)
 
 
@@ -242,10 +245,10 @@ def _inverse(matrices: Array) -> tuple[Array, Array]:
 
 
 def blocks(weights: Weighted, rows: Array) -> dict[str, tuple[Array, Array]]:
-    """The inverse covariance and the rows (w, n, c) of each block, of rows (w, BINS, 6, c)."""
+    """The inverse covariance and the rows (w, n, c) of each block, of rows (w, bins, 6, c)."""
     part = rows[weights.windows]
-    w, _, _, c = part.shape
-    plane = np.moveaxis(part[:, :, PLANE], 2, 1).reshape(w, 4 * BINS, c)
+    w, n, _, c = part.shape
+    plane = np.moveaxis(part[:, :, PLANE], 2, 1).reshape(w, 4 * n, c)
     return {
         "plane": (weights.plane, plane),
         "z": (weights.z, part[:, :, 2]),

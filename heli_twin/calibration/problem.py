@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
-from heli_twin.calibration.data import WINDOW_STEPS, Flight
+from heli_twin.calibration.data import Flight
 from heli_twin.calibration.drive import drives_of
 from heli_twin.calibration.motion import Lanes, simulate
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
@@ -115,11 +115,11 @@ class Problem:
         return out
 
     def predict(self, state: State) -> Array:
-        """Poses (w, BINS, 6) that a state predicts."""
+        """Poses (w, bins, 6) that a state predicts."""
         return self.measured(self.simulated(state, state.theta[None], [0.0])[0], state)
 
     def linearise(self, state: State) -> tuple[Array, Array, Array]:
-        """Predicted poses (w, BINS, 6), and their derivatives by theta and a log's nuisance, and by the first state."""
+        """Predicted poses (w, bins, 6), and their derivatives by theta and a log's nuisance, and by the first state."""
         steps = np.array([STEPS.get(name, 1e-4) for name in NAMES])
         free = np.flatnonzero(self.spread > FIXED)
         n, m = 1 + len(free), 1 + len(free) + N_START - 3
@@ -158,7 +158,7 @@ class Problem:
         return (self.y - predicted) * self.present[..., None]
 
     def measured(self, h: Array, state: State) -> Array:
-        """Return the poses of the markers (w, BINS, 6) from those of the centre of gravity."""
+        """Return the poses of the markers (w, bins, 6) from those of the centre of gravity."""
         nuisance = state.nuisance[self.log_of]
         out = h + np.einsum("wbic,wc->wbi", _by_tilt(h), nuisance[:, TILT])
         out[..., :3] += np.einsum("wbic,wc->wbi", _by_lever(h)[..., :3, :], nuisance[:, LEVER])
@@ -167,7 +167,7 @@ class Problem:
     def simulated(
         self, state: State, variants: Array, later: Sequence[float], start_steps: Array | None = None
     ) -> Array:
-        """Return simulated poses (p, w, BINS, 6) of variants (p, n), with `later` frames (p,), s.
+        """Return simulated poses (p, w, bins, 6) of variants (p, n), with `later` frames (p,), s.
 
         With `start_steps` (12,) the first state is varied too, and after it the push; the variants are then the nominal
         vector, one for each free parameter, and one with later frames.
@@ -195,10 +195,11 @@ class Problem:
         return simulate(Lanes(variants, start, push, drive, which), self.weights, self.early, self.lab)
 
     def _drives(self, state: State, variants: Sequence[Array], later: Sequence[float]) -> Array:
-        out = np.empty((WINDOW_STEPS, len(variants), 4, len(self.log_of)))
+        steps = self.weights.shape[1] - 1
+        out = np.empty((steps, len(variants), 4, len(self.log_of)))
         at = 0
         for i, flight in enumerate(self.flights):
-            rows = flight.windows.first[None, :] + np.arange(WINDOW_STEPS)[:, None]
+            rows = flight.windows.first[None, :] + np.arange(steps)[:, None]
             count = rows.shape[1]
             late = [theta + state.nuisance[i, LATE] * (np.arange(N_THETA) == INDEX["delay"]) for theta in variants]
             framed = state.framed[i]
@@ -222,7 +223,7 @@ def _filled(values: Array, seen: NDArray[np.bool_]) -> Array:
 
 
 def _by_tilt(h: Array) -> Array:
-    """Derivative (w, BINS, 6, 3) of a measured pose by a small tilt of the marker body about its own axes."""
+    """Derivative (w, bins, 6, 3) of a measured pose by a small tilt of the marker body about its own axes."""
     pitch, roll = h[..., 4], h[..., 5]
     sr, cr, tp, cp = np.sin(roll), np.cos(roll), np.tan(pitch), np.cos(pitch)
     out = np.zeros((*h.shape, 3))
@@ -233,7 +234,7 @@ def _by_tilt(h: Array) -> Array:
 
 
 def _by_lever(h: Array) -> Array:
-    """Derivative (w, BINS, 6, 3) of a measured pose by the place of the markers in the body."""
+    """Derivative (w, bins, 6, 3) of a measured pose by the place of the markers in the body."""
     (sy, sp, sr), (cy, cp, cr) = (np.moveaxis(f(h[..., 3:]), -1, 0) for f in (np.sin, np.cos))
     out = np.zeros((*h.shape, 3))
     out[..., 0, :] = np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=-1)
@@ -243,7 +244,7 @@ def _by_lever(h: Array) -> Array:
 
 
 def _lever_turned(h: Array, lever: Array) -> Array:
-    """Derivative (w, BINS, 3, 3) of the markers' position by yaw, pitch and roll."""
+    """Derivative (w, bins, 3, 3) of the markers' position by yaw, pitch and roll."""
     base, out = _by_lever(h)[..., :3, :], np.empty((*h.shape[:2], 3, 3))
     for i in range(3):
         moved = h.copy()
