@@ -3,21 +3,24 @@
 An `Experiment` is a value that determines a flight; `fly` flies it and returns a `Result`; its log, an MCAP file, is
 read by `read_log`. `load` makes an experiment from a preset or a TOML file, and changes of single fields:
 
-    from heli_twin import Experiment, fly, load, read_log
+    from heli_twin import Experiment, fly, load, read_log, run
 
+    result = fly("lab")                                   # a preset, or a TOML file
     result = fly(load("lab", ["trajectory=hover", "plant.mass=0.030"]))
     print(result.outcome, result.summary()["max_abs_error"], result.path)
 
     result = fly(Experiment(seed=3), log_dir=None)        # the log stays in memory: result.log
 
-    log = read_log("logs/RUN.mcap")                       # NumPy columns of every topic
-    print(log.truth.position.shape, log.estimate.x[-1], log.qp.status)
+    log = read_log(result.path)                           # NumPy columns of every topic
+    print(log.topics, log.truth.seconds[-1], log.truth.position - log.reference.position)
+
+    rows = run("mass")                                    # a study: an Arrow table, one row a flight
 
 A mistake of the caller's is a `HeliTwinError` whose message says what to do: an `ExperimentError` names the field of
 an experiment, a `LogError` the log. How a flight ended is data: `result.outcome`.
 
-Where to look next: `heli-twin show` prints every field of an experiment with its unit and meaning, `heli-twin --help`
-lists the commands, `controllers.laws` and its neighbours hold the families to which you can add a member, and
+Where to look next: `heli-twin guide` has a page on each subject; `help(Experiment)` and `heli-twin show` tell every
+field with its unit; `controllers.laws` and its neighbours hold the families to which you can add a member;
 `heli_twin.exchange.arrow_tables` turns a log into Arrow tables.
 
 What `__all__` names is public. Everything else may change.
@@ -35,8 +38,23 @@ if TYPE_CHECKING:
     from heli_twin.experiment.tree import ExperimentError
     from heli_twin.mission import Result, fly
     from heli_twin.recording import Log, LogError, read_log
+    from heli_twin.studies.run import run
+    from heli_twin.studies.study import Study, load_study
 
-__all__ = ["Experiment", "ExperimentError", "HeliTwinError", "Log", "LogError", "Result", "fly", "load", "read_log"]
+__all__ = [
+    "Experiment",
+    "ExperimentError",
+    "HeliTwinError",
+    "Log",
+    "LogError",
+    "Result",
+    "Study",
+    "fly",
+    "load",
+    "load_study",
+    "read_log",
+    "run",
+]
 
 _HOME = {
     "Experiment": "heli_twin.experiment",
@@ -45,9 +63,12 @@ _HOME = {
     "Log": "heli_twin.recording",
     "LogError": "heli_twin.recording",
     "Result": "heli_twin.mission",
+    "Study": "heli_twin.studies.study",
     "fly": "heli_twin.mission",
     "load": "heli_twin.experiment.text",
+    "load_study": "heli_twin.studies.study",
     "read_log": "heli_twin.recording",
+    "run": "heli_twin.studies.run",
 }
 """The module of each public name; it is imported when the name is first used, so that the command line starts fast."""
 

@@ -6,9 +6,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib import import_module
 from io import TextIOWrapper
-from pkgutil import iter_modules
 from types import FrameType
 
 from heli_twin import commands
@@ -69,16 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     if sys.stdout is None:
         raise HeliTwinError("the standard output is closed: redirect it to a file or to /dev/null")
-    parser = commands.Parser(
-        prog="heli-twin",
-        description="Fly a 28 g coaxial helicopter's digital twin, log it, replay it, study it.",
-        epilog="Start with `heli-twin fly`. Every command explains itself: `heli-twin fly --help`.",
-        allow_abbrev=False,
-    )
-    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
-    for module in iter_modules(commands.__path__):
-        import_module(f"{commands.__name__}.{module.name}").add(subparsers)
-    parsed = parser.parse_args(arguments)
+    parsed = commands.command_line().parse_args(arguments)
     return parsed.run(parsed)
 
 

@@ -223,7 +223,7 @@ def own_source(experiment: Experiment) -> list[Attachment]:
     return [Attachment(name, "text/x-python", data) for name, data in sources.items()]
 
 
-def write_own_source(log: Log, folder: Path) -> list[Path]:
+def write_own_source(log: Log, folder: Path, *, force: bool = False) -> list[Path]:
     """Write the embedded sources of a log to a folder, all or none; nothing executes them.
 
     Raises:
@@ -236,8 +236,8 @@ def write_own_source(log: Log, folder: Path) -> list[Path]:
     if not files:
         raise HeliTwinError("the log has no embedded source: only a flight with --embed-source keeps it")
     present = next((path for path in files if path.exists()), None)
-    if present is not None:
-        raise HeliTwinError(f"{present} exists already: choose another folder or move it away")
+    if present is not None and not force:
+        raise HeliTwinError(f"{present} exists already: choose another folder, or replace it with --force")
     try:
         with ExitStack() as all_or_none:
             for path, data in files.items():

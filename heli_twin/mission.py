@@ -25,6 +25,7 @@ from controllers.trajectories import derivatives, fitted
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
 from heli_twin.experiment.objects import validated
+from heli_twin.experiment.text import load
 from heli_twin.experiment.tree import ExperimentError, tree_of
 from heli_twin.flight import INVALID, Flight, Outcome
 from heli_twin.lab.plant import Plant
@@ -45,23 +46,29 @@ MEASURED = ("/truth", "/reference", "/mpc/qp", "/timing")
 
 @dataclass(frozen=True)
 class Result:
-    """A flown experiment."""
+    """A flown experiment.
+
+    Attributes:
+        experiment: What was flown.
+        outcome: How it ended: `outcome.kind`, `outcome.text`, and `outcome.time` in ns.
+        path: Path of the log; None if it is in memory.
+        flight_digest: Hash of the experiment and of every recorded message but the measured times; empty for an
+            invalid run.
+        real_time_factor: Simulated time divided by measured time of the flight, recording included.
+        data: Content of the log; None if it is in a file.
+        log_trouble: One sentence that says why the log file could not be written, or empty; the flight is complete
+            anyway.
+        solver_trouble: The reason why the digest may differ in other processes, or empty.
+    """
 
     experiment: Experiment
     outcome: Outcome
     path: Path | None
-    """Path of the log; None if it is in memory."""
     flight_digest: str
-    """Hash of the experiment and of every recorded message but the measured times; empty for an invalid run."""
     real_time_factor: float
-    """Simulated time divided by measured time of the flight, recording included."""
     data: bytes | None = field(default=None, repr=False)
-    """Content of the log; None if it is in a file."""
     log_trouble: str = ""
-    """One sentence that says why the log file could not be written, or empty; the flight is complete anyway."""
-
     solver_trouble: str = ""
-    """The reason why the digest may differ in other processes, or empty: `controllers.proxqp.BUILD_TROUBLE`."""
 
     @cached_property
     def log(self) -> Log:
@@ -73,7 +80,9 @@ class Result:
 
     def summary(self) -> dict[str, Any]:
         """Return the result as `heli-twin fly --json` prints it."""
-        return metrics(self._read(MEASURED)) | {
+        log = self._read(MEASURED)
+        return metrics(log) | {
+            "steps_before_first_pose": steps_before_first_pose(log),
             "outcome_text": self.outcome.text,
             "real_time_factor": self.real_time_factor,
             "log": str(self.path) if self.path else None,
@@ -83,8 +92,14 @@ class Result:
         }
 
 
+def steps_before_first_pose(log: Log) -> int:
+    """Return how many control steps found no pose yet: they asked no law and sent the hover input, `safe_hover`."""
+    asked = np.flatnonzero((log.qp.status != "safe_hover") | (log.timing.control_step_ns[: len(log.qp.time)] > 0))
+    return int(asked[0]) if len(asked) else len(log.qp.time)
+
+
 def fly(
-    experiment: Experiment,
+    experiment: Experiment | str,
     *,
     log_dir: Path | str | None = "logs",
     rerun: str | None = None,
@@ -94,7 +109,8 @@ def fly(
     """Fly one experiment.
 
     Args:
-        experiment: The flight; it is validated like one from a file.
+        experiment: The flight; it is validated like one from a file. A text is the name of a preset or the path of a
+            TOML file: `fly("lab")`.
         log_dir: Folder for the log, created if it does not exist; None keeps the log in memory.
         rerun: Rerun viewer or file that shows the flight: `spawn`, `connect`, or a path that ends in `.rrd`; None for
             no pictures.
@@ -110,7 +126,7 @@ def fly(
         ExperimentError: The experiment cannot be flown; the message names the field.
         LogError: The log cannot be started; for one that fails later, see `Result.log_trouble`.
     """
-    experiment = checked(experiment)
+    experiment = checked(load(experiment) if isinstance(experiment, str) else experiment)
     if isinstance(experiment.controller, External):
         require_program(experiment.controller)
     plant = _start(experiment)

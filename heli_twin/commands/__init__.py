@@ -9,6 +9,7 @@ import sys
 import tomllib
 from argparse import (
     PARSER,
+    Action,
     ArgumentParser,
     ArgumentTypeError,
     Namespace,
@@ -16,7 +17,9 @@ from argparse import (
     _SubParsersAction,
 )
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from heli_twin.errors import HeliTwinError
@@ -57,6 +60,24 @@ class Parser(ArgumentParser):
         self.exit(2, f"{self.prog}: {clean(message, 400)}; see `{pasteable(*self.prog.split(), '--help')}`\n")
 
 
+class Version(Action):
+    """`--version`."""
+
+    def __call__(self, parser: ArgumentParser, *_: Any) -> NoReturn:
+        """Print the versions of the package, of what a flight does and of what a log holds."""
+        from importlib.metadata import PackageNotFoundError, version
+
+        from heli_twin.experiment.past import PHYSICS_VERSION
+        from heli_twin.recording.schema import FORMAT
+
+        try:
+            ours = version("heli-twin")
+        except PackageNotFoundError:
+            ours = "not installed"
+        print(f"heli-twin {ours}, physics {PHYSICS_VERSION}, log format {FORMAT}")
+        parser.exit()
+
+
 def command(
     subparsers: "_SubParsersAction[ArgumentParser]",
     name: str,
@@ -75,6 +96,22 @@ def command(
         allow_abbrev=False,
     )
     parser.set_defaults(run=run)
+    return parser
+
+
+def command_line() -> Parser:
+    """The parser of the whole command line."""
+    parser = Parser(
+        prog="heli-twin",
+        description="Fly a 28 g coaxial helicopter's digital twin, log it, replay it, study it.",
+        epilog="Start with `heli-twin fly`. Every command explains itself: `heli-twin fly --help`."
+        " `heli-twin guide` has pages on what can be done.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action=Version, nargs=0, help="show the versions that fly, and exit")
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
+    for module in iter_modules(__path__):
+        import_module(f"{__name__}.{module.name}").add(subparsers)
     return parser
 
 

@@ -22,6 +22,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin recorded")
     parser.add_argument("--parquet", type=Path, metavar="DIR", help="folder for the tables")
     parser.add_argument("--source", type=Path, metavar="DIR", help="folder for embedded sources of somebody's classes")
+    parser.add_argument("--force", action="store_true", help="replace files that are there")
 
 
 def run(parsed: Namespace) -> int:
@@ -35,9 +36,9 @@ def run(parsed: Namespace) -> int:
         raise HeliTwinError("nothing to export: say --parquet DIR for tables, or --source DIR for embedded sources")
     log = read_log(parsed.log)
     if parsed.parquet is not None:
-        for path, rows in write_parquet(log, parsed.parquet):
+        for path, rows in write_parquet(log, parsed.parquet, force=parsed.force):
             say(f"{path}: {rows} rows")
     if parsed.source is not None:
-        for path in write_own_source(log, parsed.source):
+        for path in write_own_source(log, parsed.source, force=parsed.force):
             say(f"{path}: read it before you run it")
     return 0

@@ -108,11 +108,18 @@ def show(summary: dict[str, Any]) -> None:
     for name, key in (("control step", "control_step_ms"), ("QP solve", "solve_ms")):
         times.add_row(name, *(_milliseconds(summary[key][p]) for p in ("p50", "p99", "max")))
     console.print(times)
-    statuses = ", ".join(f"{count} {status}" for status, count in summary["qp_status"].items())
-    say(f"control problems: {statuses or 'none'}")
+    say(f"control problems: {_statuses(summary) or 'none'}")
     say(f"{summary['real_time_factor']:.0f} times real time, digest {summary['flight_digest'][:16]}")
     if summary["log"]:
         say(f"log {summary['log']}")
+
+
+def _statuses(summary: dict[str, Any]) -> str:
+    """`1499 solved, 1 step before the first pose`."""
+    counts, blind = dict(summary["qp_status"]), summary["steps_before_first_pose"]
+    counts["safe_hover"] = counts.get("safe_hover", 0) - blind
+    told = [f"{count} {status}" for status, count in counts.items() if count]
+    return ", ".join(told + [f"{blind} step{'s' if blind > 1 else ''} before the first pose"] * bool(blind))
 
 
 def _length(metres: float | None) -> str:

@@ -7,8 +7,9 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from heli_twin.commands import add_with, command, load_with, progress_bar, say
-from heli_twin.terminal_text import clean
+from heli_twin.commands import add_with, command, file_path, load_with, progress_bar, say
+from heli_twin.studies import STUDIES
+from heli_twin.terminal_text import clean, pasteable
 
 if TYPE_CHECKING:
     from heli_twin.studies.campaign import StudyProgress
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from heli_twin.studies.study import Study
     from heli_twin.workers.engine import Backend
 
-STUDIES = Path("logs/studies")
-"""The default folder of results, one folder a study."""
+TEMPLATE = Path(__file__).parents[1] / "studies" / "template.toml"
+"""The study with comments that `heli-twin study new` writes."""
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -52,6 +53,24 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     fly.add_argument("id", help="the run's id, or how it begins")
     add_with(fly)
     command(actions, "list", listing, "the studies that come with heli_twin", "List them.", "  heli-twin study list")
+    shown = command(
+        actions,
+        "show",
+        show_file,
+        "print a shipped study, to read it or to begin with it",
+        "Print the file of a study that comes with heli_twin. What it prints, `heli-twin study run` takes.",
+        "  heli-twin study show mass\n  heli-twin study show mass > mine.toml\n  heli-twin study run mine.toml",
+    )
+    shown.add_argument("study", metavar="NAME", help="of a shipped study: `heli-twin study list`")
+    new = command(
+        actions,
+        "new",
+        new_file,
+        "write a study file with comments, to change",
+        "Write a study file in which comments explain every part. It can be flown as it is: 24 flights of 10 s.",
+        "  heli-twin study new mine.toml\n  heli-twin study run mine.toml",
+    )
+    new.add_argument("file", type=file_path, metavar="FILE.toml", help="the file to write")
 
 
 def _add_run(actions: "_SubParsersAction[ArgumentParser]") -> None:
@@ -60,7 +79,7 @@ def _add_run(actions: "_SubParsersAction[ArgumentParser]") -> None:
         "run",
         run_,
         "fly a study; run it again to go on",
-        "Fly a study. Ctrl-C stops it; run it again to go on.",
+        RUN_HELP,
         RUN,
     )
     run.add_argument("study", metavar="FILE", help="a study file, or the name of a shipped study")
@@ -85,6 +104,23 @@ def _add_run(actions: "_SubParsersAction[ArgumentParser]") -> None:
     run.add_argument("--no-report", action="store_true", help="write no report at the end")
 
 
+RUN_HELP = """Fly a study. Ctrl-C stops it; run it again to go on.
+
+A study file asks one question:
+  [base]          the experiment that is varied: `preset`, and changes of its fields
+  [alternatives]  what is compared, each a name and the changes that it stands for:
+                    "PID" = { controller = { kind = "pid" } }
+  [axes]          what is swept, any field by its path: a list of values, or { linspace = [FROM, TO, COUNT] },
+                    { logspace = [FROM, TO, COUNT] }, { uniform = [FROM, TO] }, { normal = [MEAN, DEVIATION] }:
+                    "plant.mass" = { linspace = [0.024, 0.034, 5] }
+  [design]        which points of the axes are flown: grid (all), one_at_a_time, latin_hypercube, sobol, margin,
+                    worst_case, ladder, or a class of your own
+  replicates      flights of each point; every point and alternative flies the same seeds
+  score, metrics  what ranks flights, and what else the report compares
+
+On the command line: replicates=5, axes.plant.mass='[0.028, 0.032]', alternatives.PID='{controller="pid"}',
+design=sobol, or any field of the base, duration=10. `heli-twin study new mine.toml` writes a file with comments,
+`heli-twin study show mass` prints a shipped one, `heli-twin guide studies` tells more."""
 RUN = (
     "  heli-twin study run ladder\n"
     "  heli-twin study run thrust_gain replicates=3 duration=10\n"
@@ -261,6 +297,34 @@ def refly(parsed: Namespace) -> int:
     result = fly(experiment, log_dir=folder / "reflown")
     show(result.summary())
     return exit_code(result)
+
+
+def show_file(parsed: Namespace) -> int:
+    """Print the file of a shipped study."""
+    from heli_twin.studies.errors import StudyError
+    from heli_twin.studies.study import shipped
+    from heli_twin.terminal_text import instead
+
+    known = shipped()
+    if parsed.study not in known:
+        raise StudyError(f"unknown study {instead(parsed.study, known)}")
+    print(known[parsed.study].read_text(encoding="utf-8"), end="")
+    return 0
+
+
+def new_file(parsed: Namespace) -> int:
+    """Write the template of a study."""
+    from heli_twin.studies.errors import StudyError
+    from heli_twin.whole_file import write_whole
+
+    if parsed.file.suffix != ".toml":
+        raise StudyError(f"cannot write {parsed.file}: give the study a name that ends in .toml")
+    if parsed.file.exists():
+        raise StudyError(f"{parsed.file} exists already: choose another name, or delete it")
+    write_whole(parsed.file, TEMPLATE.read_bytes())
+    again = pasteable("heli-twin", "study", "run", parsed.file)
+    say(f"wrote {parsed.file}: change it, then `{again}`")
+    return 0
 
 
 def listing(parsed: Namespace) -> int:

@@ -1,9 +1,11 @@
 """A log as Arrow tables, for Polars, DuckDB, pandas and Parquet: one row per message, one typed column per field.
 
-An Arrow column shares the memory of the log's NumPy column: no number is copied. Vectors are lists of fixed size.
+An Arrow column shares the memory of the log's NumPy column: no number is copied. Vectors are lists of fixed size. The
+metadata of a column tell its `unit`, and in `about` its meaning and frame; those of a table what was flown.
 """
 
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from heli_twin.errors import HeliTwinError
 from heli_twin.recording import Log
 from heli_twin.recording.schema import LATER_WIRES, WIRES
 from heli_twin.recording.state_names import EXTRA_STATES
+from heli_twin.recording.topics_table import fields as contract
 from heli_twin.terminal_text import instead
 from heli_twin.whole_file import whole_file
 
@@ -44,7 +47,27 @@ def table(log: Log, topic: str) -> pa.Table:
     about = {"topic": topic, "outcome": log.outcome, "digest": log.digest, "experiment": log.experiment}
     if topic in EXTRA_STATES:
         return _extra_table(log, topic, about)
-    return pa.table({name: _column(values) for name, values in columns._asdict().items()}, metadata=about)
+    said = _said_of(topic)
+    arrays = {name: _column(values) for name, values in columns._asdict().items()}
+    fields = [pa.field(name, array.type, metadata=said.get(name)) for name, array in arrays.items()]
+    return pa.table([*arrays.values()], schema=pa.schema(fields, metadata=about))
+
+
+@cache
+def _said_of(topic: str) -> dict[str, dict[str, str]]:
+    """Unit and meaning of each column of a topic, as `flight.proto` has them."""
+    message = next(t.schema_name.rpartition(".")[2] for t in WIRES + LATER_WIRES if t.name == topic)
+    said = {"time": {"unit": "ns", "about": "log time, simulated"}}
+    for field in contract():
+        if field.message == message:
+            unit = field.comment.partition(";")[0].rpartition(", ")[2]
+            has_unit = {"unit": unit} if unit in UNITS else {}
+            said[field.name] = {**has_unit, "about": field.comment}
+    return said
+
+
+UNITS = ("ns", "m", "m/s", "rad", "rad/s", "m/s^2", "V", "A", "N m", "fraction of full stick", "count")
+"""Units with which a description of a field may end. A column of several quantities has theirs in the description."""
 
 
 def _extra_table(log: Log, topic: str, about: dict[str, str]) -> pa.Table:
@@ -79,8 +102,13 @@ def _column(values: np.ndarray[Any, Any]) -> pa.Array:
     return column
 
 
-def write_parquet(log: Log, folder: Path) -> list[tuple[Path, int]]:
+def write_parquet(log: Log, folder: Path, *, force: bool = False) -> list[tuple[Path, int]]:
     """Write one Parquet file per topic, all of them or none; that of `/mocap/pose` is `mocap_pose.parquet`.
+
+    Args:
+        log: Any log.
+        folder: For the files.
+        force: Replace files that are there.
 
     Returns:
         Each file and its number of rows.
@@ -90,8 +118,8 @@ def write_parquet(log: Log, folder: Path) -> list[tuple[Path, int]]:
     """
     files = {folder / f"{topic.strip('/').replace('/', '_')}.parquet": rows for topic, rows in tables(log).items()}
     present = next((path for path in files if path.exists()), None)
-    if present is not None:
-        raise HeliTwinError(f"{present} exists already: choose another folder or move it away")
+    if present is not None and not force:
+        raise HeliTwinError(f"{present} exists already: choose another folder, or replace it with --force")
     try:
         with ExitStack() as all_or_none:
             for path, rows in files.items():

@@ -21,6 +21,7 @@ from controllers.supervisors import SupervisorSpec
 from controllers.supervisors.safety import Safety
 from controllers.trajectories import Trajectory
 from controllers.trajectories.circle import Circle
+from heli_twin.experiment.help_text import explained
 from heli_twin.lab.compute import ComputeSpec, Modelled
 from heli_twin.lab.disturbances import DisturbanceSpec
 from heli_twin.lab.disturbances.bias import Bias
@@ -53,6 +54,7 @@ LAB_SUPERVISOR = Safety(heave_damping=1.5)
 """The supervisor in the lab: it believes the heave damping of `LAB_PLANT`."""
 
 
+@explained
 @dataclass(frozen=True, slots=True)
 class Volume:
     """The space that the cameras see; a flight that leaves it is over."""
@@ -61,6 +63,7 @@ class Volume:
     height: Annotated[float, Gt(0), Unit("m"), doc("ceiling")] = 2.5
 
 
+@explained
 @dataclass(frozen=True, slots=True)
 class Experiment:
     """One flight. Same experiment, same flight: every recorded message but the measured times, byte for byte."""

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, TypeGuard
 
 from controllers.markers import EachOf, OneOf
 from heli_twin.errors import HeliTwinError
+from heli_twin.experiment.help_text import explained
 
 __all__ = ["GROUPS", "EachOf", "FamilyError", "Member", "OneOf", "all_members", "members", "own_member"]
 
@@ -108,7 +109,7 @@ def _ours(package: str) -> dict[str, Member]:
     home = import_module(package)
     rooms = iter_modules(getattr(home, "__path__", []))
     modules: list[ModuleType] = [home, *(import_module(f"{package}.{room.name}") for room in rooms)]
-    return {_kind(spec): Member(spec, HELI_TWIN) for module in modules for spec in _specs_in(module)}
+    return {_kind(spec): Member(explained(spec), HELI_TWIN) for module in modules for spec in _specs_in(module)}
 
 
 @cache

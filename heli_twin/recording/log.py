@@ -4,14 +4,29 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, TypeVar, get_args
 
 import numpy as np
 from google.protobuf.message import DecodeError, Message
-from numpy.typing import NDArray
 
 from controllers.signals import Array, NamedState
 from heli_twin.recording import flight_pb2 as pb
+from heli_twin.recording.columns import (
+    Airs,
+    Batteries,
+    Commands,
+    Estimates,
+    ExtraEstimates,
+    ExtraPlans,
+    Moments,
+    Plans,
+    Poses,
+    QpReports,
+    References,
+    Timings,
+    Truths,
+)
+from heli_twin.recording.columns import Times as Times
 from heli_twin.recording.foxglove import LogMessage, PointCloud
 from heli_twin.recording.packing import Layout
 from heli_twin.recording.schema import (
@@ -27,145 +42,7 @@ from heli_twin.recording.schema import (
 from heli_twin.recording.state_names import EXTRA_STATES, MAX_STATES, named
 from heli_twin.terminal_text import clean
 
-Times = NDArray[np.int64]
 M = TypeVar("M", bound=Message)
-
-
-class Truths(NamedTuple):
-    """`/truth`: see heli_twin.lab.plant.Truth."""
-
-    time: Times
-    stamp: Times
-    position: Array
-    """(n, 3)."""
-    quat_wxyz: Array
-    """(n, 4)."""
-    velocity: Array
-    """(n, 3)."""
-    angular_velocity: Array
-    """(n, 3)."""
-    yaw: Array
-    yaw_rate: Array
-    actuators: Array
-    """(n, 4)."""
-    touching: NDArray[np.bool_]
-
-
-class Poses(NamedTuple):
-    """`/mocap/pose`: see controllers.signals.Pose."""
-
-    time: Times
-    """When the pose arrived, ns; `stamp` is when the cameras saw it."""
-    stamp: Times
-    position: Array
-    """(n, 3)."""
-    quat_wxyz: Array
-    """(n, 4)."""
-
-
-class Estimates(NamedTuple):
-    """`/estimate`: see controllers.signals.Estimate."""
-
-    time: Times
-    stamp: Times
-    x: Array
-    """(n, 8)."""
-    disturbance: Array
-    """(n, 4)."""
-    variance: Array
-    """(n, 4, 3)."""
-    pose_stamp: Times
-    rejected: NDArray[np.int32]
-
-
-class References(NamedTuple):
-    """`/reference`: the first row of each controllers.signals.Reference."""
-
-    time: Times
-    stamp: Times
-    x: Array
-    """(n, 8)."""
-    u: Array
-    """(n, 4)."""
-
-
-class Commands(NamedTuple):
-    """`/command/sent` and `/command/acting`: see controllers.signals.Command."""
-
-    time: Times
-    stamp: Times
-    u: Array
-    """(n, 4)."""
-
-
-class Plans(NamedTuple):
-    """`/mpc/plan`: see controllers.signals.Plan."""
-
-    time: Times
-    x: NDArray[np.float32]
-    """(n, N + 1, 10), rounded."""
-    u: Array
-    """(n, N, 4)."""
-    u_nominal: Array
-    """(n, N, 4)."""
-
-
-class ExtraEstimates(NamedTuple):
-    """`/estimate_extra`: the estimator's further states, which `Log.estimate_states` names."""
-
-    time: Times
-    stamp: Times
-    x: Array
-    """(n, k)."""
-    variance: Array
-    """(n, k)."""
-
-
-class ExtraPlans(NamedTuple):
-    """`/mpc/plan_extra`: the plans' further states, which `Log.plan_states` names."""
-
-    time: Times
-    x: NDArray[np.float32]
-    """(n, N + 1, k), rounded."""
-
-
-class QpReports(NamedTuple):
-    """`/mpc/qp`: see controllers.signals.QpReport."""
-
-    time: Times
-    status: NDArray[np.str_]
-    iterations: NDArray[np.int32]
-    active_bounds: NDArray[np.int32]
-    objective: Array
-    slack: Array
-
-
-class Airs(NamedTuple):
-    """`/disturbance`: see heli_twin.lab.plant.Air."""
-
-    time: Times
-    wind: Array
-    """(n, 3)."""
-    acceleration: Array
-    """(n, 3)."""
-    thrust_factor: Array
-
-
-class Moments(NamedTuple):
-    """`/disturbance_moment`: no rows where no disturbance gives a moment."""
-
-    time: Times
-    moment: Array
-    """(n, 3)."""
-
-
-class Batteries(NamedTuple):
-    """`/battery`: see heli_twin.lab.plant.Battery."""
-
-    time: Times
-    voltage: Array
-    current: Array
-    charge: Array
 
 
 class Event(NamedTuple):
@@ -176,14 +53,6 @@ class Event(NamedTuple):
     severity: Severity
     name: str
     text: str
-
-
-class Timings(NamedTuple):
-    """`/timing`: measured times, ns."""
-
-    time: Times
-    control_step_ns: Times
-    solve_ns: Times
 
 
 class Attachment(NamedTuple):
@@ -249,17 +118,44 @@ class Ending(NamedTuple):
     """True for a log that is the intact part of a damaged one."""
 
 
+COLUMNS = (
+    *("truth", "pose", "estimate", "reference", "sent", "acting", "plan", "qp", "disturbance", "battery", "events"),
+    *("timing", "estimate_extra", "plan_extra", "disturbance_moment", "reference_paths"),
+)
+"""The columns of a log, in the order of the data."""
+OTHER_NAMES = {
+    **dict.fromkeys(("mocap", "poses", "cameras", "vicon"), "pose"),
+    **dict.fromkeys(("state", "states", "x"), "truth"),
+    **dict.fromkeys(("command", "commands", "input", "inputs", "u"), "sent"),
+    **dict.fromkeys(("air", "wind", "gust"), "disturbance"),
+    **dict.fromkeys(("estimates", "x_est"), "estimate"),
+    **dict.fromkeys(("ref", "references", "x_ref"), "reference"),
+    **dict.fromkeys(("plans", "mpc", "horizon"), "plan"),
+    "solver": "qp",
+    "times": "timing",
+}
+"""Words that a reader may look for, and the column that they mean."""
+
+
 @dataclass(frozen=True, repr=False)
 class Log:
-    """A recorded flight: its experiment, its messages and its ending. Columns are decoded when first asked for."""
+    """A recorded flight: its experiment, its messages and its ending. Columns are decoded when first asked for.
+
+    Each topic is a tuple of NumPy columns with one row a message: `log.truth.position` is (n, 3), world, m. Times are
+    integers, ns; `log.truth.seconds` is the same in s. `help(log.truth)` tells all columns with their units.
+
+    Attributes:
+        messages: By topic, as they are in the file.
+        experiment: What was flown, canonical JSON.
+        metadata: Versions, platform, wall-clock start and more.
+        attachments: Files in the log, by name.
+        ending: Outcome, time and reason of the end.
+    """
 
     messages: Mapping[str, Messages]
     experiment: str = ""
-    """The experiment, canonical JSON."""
     metadata: Mapping[str, str] = field(default_factory=dict)
-    """Versions, platform, wall-clock start, ..."""
     attachments: Mapping[str, Attachment] = field(default_factory=dict)
-    """By name."""
     ending: Ending = field(default_factory=Ending)
 
     def __repr__(self) -> str:
@@ -276,6 +172,18 @@ class Log:
             for name, topic in self.messages.items()
         )
         return f"<p>{escape(repr(self))}</p><p>{escape(clean(self.ending.text))}</p><table>{rows}</table>"
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Say which columns there are, and where what was asked for is found."""
+            hint = f"it is called `log.{OTHER_NAMES[name]}`" if name in OTHER_NAMES else f"it has {', '.join(COLUMNS)}"
+            raise AttributeError(f"a log has no `{name}`: {hint}", name=name, obj=self)
+
+    @property
+    def topics(self) -> dict[str, int]:
+        """Number of messages on each topic of the log."""
+        return {topic: len(messages.times) for topic, messages in self.messages.items()}
 
     @property
     def outcome(self) -> OutcomeKind:

@@ -24,6 +24,20 @@ NAMES = {
 LENGTHS = ("rmse", "max_abs_error", "p95", "bias", "spread", "sustained")
 UNITS = {"phase_lag": ("ms", 1e3), "settling_time": ("s", 1.0), "overshoot": ("%", 100.0)}
 
+STORED_UNITS = {
+    "phase_lag": "s",
+    "settling_time": "s",
+    "overshoot": "share of the step",
+    "tilt.max": "rad",
+    "flown": "s",
+    "wall_time": "s",
+    "settling": "s",
+    "effort": "full stick squared",
+    "variation": "full stick/s",
+    "saturated": "share of the time",
+}
+"""Units of further columns of a study's results."""
+
 
 class Scale(NamedTuple):
     """Name, unit and factor with which a quantity is shown."""
@@ -51,6 +65,19 @@ def metric(name: str) -> Scale:
     if stem.endswith("_ms"):
         return Scale(f"{stem[:-3].replace('_', ' ')} {axis}", "ms", 1.0)
     return Scale("largest tilt", "deg", 180 / np.pi) if name == "tilt.max" else Scale(text, "", 1.0)
+
+
+def si_unit(column: str) -> str:
+    """The unit in which a column of a study's results is stored: of a metric, or of a swept field."""
+    stem, _, axis = column.partition(".")
+    if stem in LENGTHS or stem == "mse":
+        power = "^2" if stem == "mse" else ""
+        return ("rad" if axis == "yaw" else "m") + power
+    if stem.endswith("_ms"):
+        return "ms"
+    if column in STORED_UNITS or stem in STORED_UNITS:
+        return STORED_UNITS.get(column, STORED_UNITS.get(stem, ""))
+    return field(column).unit
 
 
 def _name(stem: str, axis: str) -> str:

@@ -27,7 +27,12 @@ def _write_rows(store: Store, where: Path | BytesIO) -> None:
     import pyarrow.parquet as pq
 
     kinds = {"INTEGER": pa.int64(), "REAL": pa.float64(), "TEXT": pa.string()}
-    schema = pa.schema([(name, kinds.get(kind, pa.string())) for name, kind in store.columns().items()])
+    schema = pa.schema(
+        [
+            pa.field(name, kinds.get(kind, pa.string()), metadata=_unit(name) if kind != "TEXT" else None)
+            for name, kind in store.columns().items()
+        ]
+    )
     with pq.ParquetWriter(where, schema, compression="zstd") as writer:
         for block in store.blocks(ROWS_PER_GROUP):
             try:
@@ -35,6 +40,14 @@ def _write_rows(store: Store, where: Path | BytesIO) -> None:
             except pa.ArrowException:
                 raise damaged_store(store.path) from None
             writer.write_table(pa.Table.from_arrays(columns, schema=schema), row_group_size=ROWS_PER_GROUP)
+
+
+def _unit(column: str) -> dict[str, str] | None:
+    """The unit of a column as Arrow's metadata."""
+    from heli_twin.reporting.words import si_unit
+
+    unit = si_unit(column)
+    return {"unit": unit} if unit else None
 
 
 def read_results(folder: Path, columns: list[str] | None = None) -> "pa.Table":

@@ -13,6 +13,7 @@ from annotated_types import Ge, Gt, Le, MinLen, doc
 from controllers.markers import OneOf
 from controllers.programs import beside
 from heli_twin.experiment.families import DESIGNS, HELI_TWIN, all_members, is_reference, members, own_member_in
+from heli_twin.experiment.help_text import explained
 from heli_twin.experiment.own import OWN, mark_of, with_commands
 from heli_twin.experiment.text import assignment, part_in, with_content, with_members
 from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
@@ -25,6 +26,7 @@ from heli_twin.terminal_text import clean, instead
 from heli_twin.tuning.record import uncommented
 
 
+@explained
 @dataclass(frozen=True, slots=True)
 class Logs:
     """The numbers of flights whose MCAP logs are kept."""
@@ -34,6 +36,7 @@ class Logs:
     sampled: Annotated[int, Ge(0), doc("of so many, evenly spread over the study")] = 3
 
 
+@explained
 @dataclass(frozen=True, slots=True)
 class Study:
     """A question, and the flights that answer it."""
