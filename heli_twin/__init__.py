@@ -3,7 +3,7 @@
 An `Experiment` is a value that determines a flight; `fly` flies it and returns a `Result`; its log, an MCAP file, is
 read by `read_log`. `load` makes an experiment from a preset or a TOML file, and changes of single fields:
 
-    from heli_twin import Experiment, fly, load, read_log, run
+    from heli_twin import Experiment, fly, load, load_study, read_log, run
 
     result = fly("lab")                                   # a preset, or a TOML file
     result = fly(load("lab", ["trajectory=hover", "plant.mass=0.030"]))
@@ -14,7 +14,8 @@ read by `read_log`. `load` makes an experiment from a preset or a TOML file, and
     log = read_log(result.path)                           # NumPy columns of every topic
     print(log.topics, log.truth.seconds[-1], log.truth.position - log.reference.position)
 
-    rows = run("mass")                                    # a study: an Arrow table, one row a flight
+    rows = run("mass")                                    # a shipped study: an Arrow table, one row a flight
+    rows = run(load_study("mine.toml", ["replicates=5"])) # or one of yours, or a `Study` made here
 
 A mistake of the caller's is a `HeliTwinError` whose message says what to do: an `ExperimentError` names the field of
 an experiment, a `LogError` the log. How a flight ended is data: `result.outcome`.
