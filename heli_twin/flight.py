@@ -16,7 +16,7 @@ from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, nanoseconds
 from heli_twin.experiment import Experiment, Volume
 from heli_twin.lab import disturbances
-from heli_twin.lab.chance import generator
+from heli_twin.lab.chance import Chance, generator
 from heli_twin.lab.disturbances import ALONE, air_of, together
 from heli_twin.lab.faults import Faults
 from heli_twin.lab.mocap import Arrival
@@ -51,6 +51,7 @@ class Flight:
         plant: The helicopter, at the start of the trajectory.
         recorder: Takes what crosses the wires.
         progress: Told the simulated time, s, at every control step.
+        chance: Source of every random number; another one than the seed's makes it a flight of no experiment.
     """
 
     def __init__(
@@ -59,20 +60,21 @@ class Flight:
         plant: Plant,
         recorder: Recorder,
         progress: Callable[[float], None] = lambda t: None,
+        chance: Chance = generator,
     ) -> None:
         e = experiment
         self.experiment, self.plant, self.recorder, self.progress = e, plant, recorder, progress
         self.step, self.period = nanoseconds(e.plant.step), nanoseconds(e.controller.period)
         self.end = self.on_grid(nanoseconds(e.duration))
-        self.mocap = e.mocap.start(generator(e.seed, "mocap"))
-        self.radio = e.radio.start(generator(e.seed, "radio"))
+        self.mocap = e.mocap.start(chance(e.seed, "mocap"))
+        self.radio = e.radio.start(chance(e.seed, "radio"))
         self.surroundings = [
-            air_of(d.start(generator(e.seed, name if name == d.kind else f"disturbances.{name}")))
+            air_of(d.start(chance(e.seed, name if name == d.kind else f"disturbances.{name}")))
             for name, d in by_name(e.disturbances).items()
         ]
         faults = by_name(e.faults).items()
-        self.faults = Faults(fault.hooks(generator(e.seed, f"faults.{name}")) for name, fault in faults)
-        self.compute_chance = generator(e.seed, "compute")
+        self.faults = Faults(fault.hooks(chance(e.seed, f"faults.{name}")) for name, fault in faults)
+        self.compute_chance = chance(e.seed, "compute")
         self.estimator, self.controller = e.estimator.start(e.controller.model), e.controller.start()
         self.supervisor = e.supervisor.start(e.controller.model, e.controller.period)
         self.lead = nanoseconds(e.estimator.lead)

@@ -27,7 +27,7 @@ class Modelled:
 
     def latency_ns(self, rng: np.random.Generator) -> int:
         """A draw that is uniform about the mean and never negative."""
-        return max(0, nanoseconds(self.latency + self.spread * rng.uniform(-1.0, 1.0)))
+        return max(0, nanoseconds(self.latency + self.spread * (2.0 * rng.random() - 1.0)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """The wire from the helicopter to the ground station: motion capture with noise, delay and dropouts."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import exp, sqrt
 from typing import Annotated, Literal, NamedTuple, Protocol
@@ -8,6 +9,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt, Unit, doc
 
 from controllers.signals import Array, Pose, nanoseconds
+from heli_twin.lab.chance import BLOCK, coloured
 from heli_twin.lab.plant import Truth
 
 
@@ -60,31 +62,54 @@ class Vicon:
         return ViconCameras(self, rng)
 
 
+class Frame(NamedTuple):
+    """The errors of one frame; they do not depend on the helicopter."""
+
+    displacement: Array
+    """(3,) world, m."""
+    turn: list[float]
+    """(3,) small rotation about the axes of the body, rad."""
+    late: int
+    """From the picture to the ground station, ns."""
+    lost: bool
+
+
 class ViconCameras:
     """The cameras of one flight; their phase against the control loop is drawn once."""
 
     def __init__(self, spec: Vicon, rng: np.random.Generator) -> None:
-        self._spec, self._rng = spec, rng
         self._period = nanoseconds(1.0 / spec.rate)
-        self._decay = exp(-1.0 / (spec.rate * spec.bias_time))
-        self._step_deviation = spec.bias * sqrt(1.0 - self._decay**2)
-        self._bias = spec.bias * rng.standard_normal(3)
+        first_bias = spec.bias * rng.standard_normal(3)
         self.due = int(rng.integers(self._period))
+        self._frames = frames(spec, first_bias, rng)
 
     def capture(self, now: int, truth: Truth) -> Arrival | None:
         """A noisy, delayed pose, or None if the frame is lost."""
         self.due += self._period
-        spec = self._spec
-        # Ten numbers a frame, lost or not: chance must not depend on what happens to the frame.
-        draw = self._rng.standard_normal(10)
-        lost = self._rng.random() < spec.dropout
-        self._bias = self._decay * self._bias + self._step_deviation * draw[0:3]
+        displacement, turn, late, lost = next(self._frames)
         if lost:
             return None
-        position = truth.position + self._bias + spec.position_noise * draw[3:6]
-        quat_wxyz = rotated(truth.quat_wxyz, spec.orientation_noise * draw[6:9])
-        late = max(0, nanoseconds(spec.latency + spec.jitter * draw[9]))
-        return Arrival(now + late, Pose(now, position, quat_wxyz))
+        return Arrival(now + late, Pose(now, truth.position + displacement, rotated(truth.quat_wxyz, turn)))
+
+
+def frames(spec: Vicon, bias: Array, rng: np.random.Generator) -> Iterator[Frame]:
+    """Yield the errors of each frame, whose slow error before the first frame is `bias` (3,), m.
+
+    Eleven numbers a frame, lost or not: chance must not depend on what happens to the frame.
+    """
+    keep = exp(-1.0 / (spec.rate * spec.bias_time))
+    step_deviation = spec.bias * sqrt(1.0 - keep**2)
+    normals, uniforms = np.empty((BLOCK, 10)), np.empty(BLOCK)
+    while True:
+        # In this order since the first version: a log of before flies as it flew.
+        for k in range(BLOCK):
+            normals[k], uniforms[k] = rng.standard_normal(10), rng.random()
+        biases = coloured(bias, keep, step_deviation * normals[:, 0:3])
+        bias = biases[-1]
+        displacements = biases + spec.position_noise * normals[:, 3:6]
+        turns = (spec.orientation_noise * normals[:, 6:9]).tolist()
+        late = [max(0, nanoseconds(s)) for s in (spec.latency + spec.jitter * normals[:, 9]).tolist()]
+        yield from map(Frame, displacements, turns, late, (uniforms < spec.dropout).tolist())
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +138,10 @@ class ExactCameras:
         return Arrival(now + self._latency, Pose(now, truth.position, truth.quat_wxyz))
 
 
-def rotated(quat_wxyz: Array, small_angle: Array) -> Array:
+def rotated(quat_wxyz: Array, small_angle: Iterable[float]) -> Array:
     """Rotate an attitude (4,) by a small body-frame rotation vector (3,), rad."""
     w, x, y, z = quat_wxyz.tolist()
-    a, b, c = (0.5 * small_angle).tolist()
+    a, b, c = small_angle
+    a, b, c = 0.5 * a, 0.5 * b, 0.5 * c
     q = (w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a)
     return np.array(q) / sqrt(1.0 + a * a + b * b + c * c)

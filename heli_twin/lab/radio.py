@@ -7,6 +7,7 @@ import numpy as np
 from annotated_types import Ge, Le, Unit, doc
 
 from controllers.signals import Array, Command, nanoseconds
+from heli_twin.lab.chance import blocks
 
 NEVER_NS = 1 << 62
 """A time that no flight reaches."""
@@ -73,26 +74,27 @@ class Dsm2Link:
     """The link of one flight; the phase of its frames is drawn once."""
 
     def __init__(self, spec: Dsm2, rng: np.random.Generator) -> None:
-        self._spec, self._rng = spec, rng
+        self._spec = spec
         self._period, self._latency = nanoseconds(spec.frame_period), nanoseconds(spec.latency)
         self._frame = int(rng.integers(self._period))
         self._waiting: list[tuple[int, Held]] = []
         self.due = self._frame + self._latency
         self._failsafe = nanoseconds(spec.failsafe) or NEVER_NS
         self._failsafe_at = self._failsafe
+        # Drawn for every frame, sent or not: chance must not depend on what the controller did.
+        self._losses = (lost for block in blocks(rng.random) for lost in (block < spec.loss).tolist())
 
     def send(self, at: int, command: Command) -> None:
         """Queue a command for the first frame at or after `at`."""
         half = 0.5 * self._spec.levels
-        self._waiting.append((at, Held(command.stamp, np.round(command.u * half) / half)))
+        self._waiting.append((at, Held(command.stamp, np.rint(command.u * half) / half)))
 
     def receive(self, now: int) -> Held | None:
         """The newest command that a frame received until `now` carries."""
         held = None
         while self.due <= now:
             ready = [i for i, (at, _) in enumerate(self._waiting) if at <= self._frame]
-            # Drawn every frame, sent or not: chance must not depend on what the controller did.
-            lost = self._rng.random() < self._spec.loss
+            lost = next(self._losses)
             if ready and not lost:
                 held = self._waiting[ready[-1]][1]
                 # Older commands are dropped too, ready or not: a late command must not replace a newer one.

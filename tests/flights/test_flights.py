@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_twin import Experiment, flight, fly, load, read_log
+from controllers.flatness import state
+from heli_twin import Experiment, fly, load, read_log
 from heli_twin.experiment import Volume
 from heli_twin.experiment.tree import ExperimentError, from_json
 from heli_twin.flight import Flight, verdict
@@ -16,6 +17,7 @@ from heli_twin.lab.plant import STILL_AIR
 from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.metrics.tracking import SETTLING_S, tracking_error
 from heli_twin.mission import Result
+from heli_twin.recording import Recorder
 from heli_twin.recording.schema import TIMING, WIRES
 
 MS = 1_000_000
@@ -263,19 +265,54 @@ def test_two_flights_of_one_seed_are_seen_by_the_same_cameras(change, lab):
     np.testing.assert_array_equal(lab.log.pose.time, other.log.pose.time)
 
 
-def test_every_part_that_rolls_dice_has_its_own(monkeypatch):
+def flown_by(chance, *overrides: str):
+    """The log of a flight whose random numbers come from `chance`."""
+    e = load("lab", overrides)
+    recorder = Recorder()
+    outcome = Flight(e, e.plant.start(state(e.trajectory.flat(np.zeros(1)))[0]), recorder, chance=chance).run()
+    recorder.close(outcome.kind, outcome.time)
+    return recorder.log()
+
+
+def test_every_part_that_rolls_dice_has_its_own():
     taken = []
 
     def spied(seed, component):
         taken.append((seed, component))
         return generator(seed, component)
 
-    monkeypatch.setattr(flight, "generator", spied)
-    flown("lab", "duration=0.1", "seed=7")
+    log = flown_by(spied, "duration=0.1", "seed=7")
+    assert log.messages["/truth"].data == flown("lab", "duration=0.1", "seed=7").log.messages["/truth"].data
     assert {seed for seed, _ in taken} == {7}
     names = [name for _, name in taken]
     assert {"mocap", "radio", "compute", "gust"} <= set(names)
     assert len(set(names)) == len(names)
+
+
+class Calm(np.random.Generator):
+    """Normal numbers that are all 0: the place where a search for rare flights puts its own."""
+
+    def standard_normal(self, size=None, **_):
+        return 0.0 if size is None else np.zeros(size)
+
+
+def test_all_gusts_and_noise_come_from_the_chance_that_a_flight_is_given():
+    log = flown_by(lambda *_: Calm(np.random.PCG64(0)), "duration=0.5", "mocap.dropout=0", "radio.loss=0")
+    assert not log.disturbance.wind.any()
+    _, seen, true = np.intersect1d(log.pose.stamp // (20 * MS), log.truth.time // (20 * MS), return_indices=True)
+    # In 20 ms it flies no farther than this.
+    assert np.abs(log.pose.position[seen] - log.truth.position[true]).max() < 0.01
+    assert (np.diff(log.pose.stamp) == 10 * MS).all()
+    assert set(log.messages["/mocap/pose"].times - log.pose.stamp) == {10 * MS}
+
+
+def test_a_longer_flight_begins_like_a_shorter_one():
+    short, long = (flown("lab", f"duration={duration}").log for duration in (0.5, 6.0))
+    for topic in (topic.name for topic in WIRES if topic.name not in (TIMING, "/events")):
+        ours, theirs = short.messages[topic], long.messages[topic]
+        n = sum(t < 500 * MS for t in ours.times)
+        assert n > 20
+        assert [*map(bytes, ours.data[:n])] == [*map(bytes, theirs.data[:n])], topic
 
 
 def test_another_seed_another_wind(lab):

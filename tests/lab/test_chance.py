@@ -3,7 +3,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from controllers.signals import nanoseconds
-from heli_twin.lab.chance import generator
+from heli_twin.lab.chance import BLOCK, blocks, coloured, generator
 
 seeds = st.integers(0, 2**53)
 names = st.sampled_from(["mocap", "radio", "compute", "gust", "bias", "battery"])
@@ -41,6 +41,27 @@ def test_what_one_draws_and_when_does_not_shift_another(seed, order, counts):
 def test_streams_are_the_same_on_every_machine():
     """A golden value: an old log's experiment has to fly again."""
     np.testing.assert_array_equal(generator(0, "gust").integers(0, 1000, 5), [865, 108, 589, 895, 274])
+
+
+@given(seeds, names, st.integers(1, 3))
+def test_blocks_are_the_numbers_drawn_one_instant_at_a_time(seed, name, width):
+    drawn = blocks(generator(seed, name).standard_normal, width)
+    alone = generator(seed, name)
+    for block in (next(drawn), next(drawn)):
+        assert block.shape == (BLOCK, width)
+        np.testing.assert_array_equal(block, [alone.standard_normal(width) for _ in range(BLOCK)])
+
+
+@given(seeds, st.floats(0, 1), st.integers(1, 5))
+def test_a_coloured_process_keeps_its_share_and_goes_on_over_blocks(seed, keep, cut):
+    shocks, before = generator(seed, "gust").standard_normal((6, 2)), np.array([2.0, -1.0])
+    whole = coloured(before, keep, shocks)
+    x = before
+    for value, shock in zip(whole, shocks, strict=True):
+        x = keep * x + shock
+        np.testing.assert_array_equal(value, x)
+    first = coloured(before, keep, shocks[:cut])
+    np.testing.assert_array_equal(np.concatenate([first, coloured(first[-1], keep, shocks[cut:])]), whole)
 
 
 @given(st.integers(0, 3600 * 1000))

@@ -40,6 +40,9 @@ class SocialDisturbance(Protocol):
 
 ALONE: Array = np.zeros((0, 3))
 """The others of a helicopter that flies alone."""
+NO_PUSH: Array = np.zeros(3)
+"""The acceleration of a disturbance that is wind alone."""
+NO_PUSH.setflags(write=False)
 
 
 def air_of(disturbance: Disturbance | SocialDisturbance) -> Callable[[Truth, Array], Air]:

@@ -1,5 +1,6 @@
 """Gusts in a room: air conditioning and the helicopter's own wake."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import exp, sqrt
 from typing import Annotated, Literal
@@ -8,7 +9,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.signals import Array
-from heli_twin.lab.disturbances import PERIOD_NS
+from heli_twin.lab.chance import blocks, coloured
+from heli_twin.lab.disturbances import NO_PUSH, PERIOD_NS
 from heli_twin.lab.plant import Air, Truth
 
 
@@ -27,30 +29,37 @@ class Gust:
 
     def start(self, rng: np.random.Generator) -> "GustInFlight":
         """Start the wind of one flight."""
-        return GustInFlight(self, rng)
-
-
-class OrnsteinUhlenbeck:
-    """A stationary process of some dimensions, sampled every `PERIOD_NS`."""
-
-    def __init__(self, strength: float, time: float, dimensions: int, rng: np.random.Generator) -> None:
-        self._rng = rng
-        self._decay = exp(-1e-9 * PERIOD_NS / time)
-        self._step_deviation = strength * sqrt(1.0 - self._decay**2)
-        self._value: Array = strength * rng.standard_normal(dimensions)
-
-    def next(self) -> Array:
-        """Return its value (dimensions,) one period later."""
-        self._value = self._decay * self._value + self._step_deviation * self._rng.standard_normal(len(self._value))
-        return self._value
+        return GustInFlight(gusts(self.strength, self.time, (0, 1), rng))
 
 
 class GustInFlight:
-    """The wind of one flight."""
+    """The wind of one flight.
 
-    def __init__(self, spec: Gust, rng: np.random.Generator) -> None:
-        self._process = OrnsteinUhlenbeck(spec.strength, spec.time, 2, rng)
+    Args:
+        winds: (3,) of each period, world, m/s.
+    """
+
+    def __init__(self, winds: Iterator[Array]) -> None:
+        self._winds = winds
 
     def air(self, truth: Truth) -> Air:
         """Return the wind of the next period."""
-        return Air(np.array([*self._process.next(), 0.0]), np.zeros(3))
+        return Air(next(self._winds), NO_PUSH)
+
+
+def gusts(strength: float, time: float, axes: Sequence[int], rng: np.random.Generator) -> Iterator[Array]:
+    """Yield the wind (3,) of each period, m/s: a stationary Ornstein-Uhlenbeck process.
+
+    Args:
+        strength: Standard deviation of the wind on each of the axes, m/s.
+        time: Time constant, s.
+        axes: Indices of the axes of the world on which it blows.
+        rng: Source of its normal numbers.
+    """
+    keep, axes = exp(-1e-9 * PERIOD_NS / time), list(axes)
+    last = strength * rng.standard_normal(len(axes))
+    for normals in blocks(rng.standard_normal, len(axes)):
+        winds = np.zeros((len(normals), 3))
+        winds[:, axes] = coloured(last, keep, strength * sqrt(1.0 - keep**2) * normals)
+        last = winds[-1, axes]
+        yield from winds

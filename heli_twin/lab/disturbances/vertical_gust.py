@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from heli_twin.lab.disturbances.gust import OrnsteinUhlenbeck
-from heli_twin.lab.plant import Air, Truth
+from heli_twin.lab.disturbances.gust import GustInFlight, gusts
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,17 +17,6 @@ class VerticalGust:
     strength: Annotated[float, Ge(0), Le(10), Unit("m/s"), doc("standard deviation of the wind")] = 0.1
     time: Annotated[float, Gt(0), Le(1000), Unit("s"), doc("time in which the wind changes")] = 0.5
 
-    def start(self, rng: np.random.Generator) -> "VerticalGustInFlight":
+    def start(self, rng: np.random.Generator) -> GustInFlight:
         """Start the wind of one flight."""
-        return VerticalGustInFlight(OrnsteinUhlenbeck(self.strength, self.time, 1, rng))
-
-
-class VerticalGustInFlight:
-    """The vertical wind of one flight."""
-
-    def __init__(self, process: OrnsteinUhlenbeck) -> None:
-        self._process = process
-
-    def air(self, truth: Truth) -> Air:
-        """Return the wind of the next period."""
-        return Air(np.array([0.0, 0.0, *self._process.next()]), np.zeros(3))
+        return GustInFlight(gusts(self.strength, self.time, (2,), rng))
