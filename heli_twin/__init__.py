@@ -3,7 +3,7 @@
 An `Experiment` is a value that determines a flight; `fly` flies it and returns a `Result`; its log, an MCAP file, is
 read by `read_log`. `load` makes an experiment from a preset or a TOML file, and changes of single fields:
 
-    from heli_twin import Experiment, fly, load, load_study, read_log, run
+    from heli_twin import Experiment, fly, load, load_study, plot, read_log, run
 
     result = fly("lab")                                   # a preset, or a TOML file
     result = fly(load("lab", ["trajectory=hover", "plant.mass=0.030"]))
@@ -16,6 +16,8 @@ read by `read_log`. `load` makes an experiment from a preset or a TOML file, and
 
     rows = run("mass")                                    # a shipped study: an Arrow table, one row a flight
     rows = run(load_study("mine.toml", ["replicates=5"])) # or one of yours, or a `Study` made here
+
+    figure = plot("A.mcap", "B.mcap", what="tracking")    # matplotlib, without a window; a notebook shows it
 
 A mistake of the caller's is a `HeliTwinError` whose message says what to do: an `ExperimentError` names the field of
 an experiment, a `LogError` the log. How a flight ended is data: `result.outcome`.
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from heli_twin.experiment.text import load
     from heli_twin.experiment.tree import ExperimentError
     from heli_twin.mission import Result, fly
+    from heli_twin.plots import plot
     from heli_twin.recording import Log, LogError, read_log
     from heli_twin.studies.run import run
     from heli_twin.studies.study import Study, load_study
@@ -53,6 +56,7 @@ __all__ = [
     "fly",
     "load",
     "load_study",
+    "plot",
     "read_log",
     "run",
 ]
@@ -68,6 +72,7 @@ _HOME = {
     "fly": "heli_twin.mission",
     "load": "heli_twin.experiment.text",
     "load_study": "heli_twin.studies.study",
+    "plot": "heli_twin.plots",
     "read_log": "heli_twin.recording",
     "run": "heli_twin.studies.run",
 }

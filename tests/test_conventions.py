@@ -66,7 +66,7 @@ def test_help_comes_at_once():
     say = "from heli_twin.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass"
     done = run(
         code=LOADED.format(
-            say, ["mujoco", "proxsuite", "pydantic", "rerun", "scipy", "pyarrow", "distributed", "pebble"]
+            say, ["mujoco", "proxsuite", "pydantic", "rerun", "scipy", "pyarrow", "distributed", "pebble", "matplotlib"]
         )
     )
     assert done.stdout.startswith("usage: heli-twin")

@@ -38,7 +38,7 @@ def test_help_teaches_the_face_in_a_screen() -> None:
 
 
 def test_the_import_loads_nothing_heavy(tmp_path: Path) -> None:
-    heavy = ("numpy", "mujoco", "rerun", "pydantic", "proxsuite", "rich", "mcap")
+    heavy = ("numpy", "mujoco", "rerun", "pydantic", "proxsuite", "rich", "mcap", "matplotlib")
     done = python(tmp_path, "-c", f"import sys, heli_twin; print([m for m in {heavy} if m in sys.modules])")
     assert (done.stdout, done.stderr) == ("[]\n", "")
 

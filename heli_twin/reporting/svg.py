@@ -1,4 +1,4 @@
-"""Figures for papers, drawn by matplotlib, which only this module imports: the same data give the same bytes."""
+"""Figures of reports, drawn by matplotlib: the same data give the same bytes."""
 
 import warnings
 from pathlib import Path

@@ -1,0 +1,150 @@
+"""Flights as figures show them: their names, colours and positions, and the window of time that is shown."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controllers.rotations import wrap_angle, yaw_of
+from controllers.signals import Array
+from heli_twin.errors import HeliTwinError
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.differences import fly_words
+from heli_twin.experiment.tree import ExperimentError
+from heli_twin.logbook import viewed_experiment
+from heli_twin.metrics.tracking import tracking_error
+from heli_twin.recording import Log, read_log
+from heli_twin.reporting.figure import color
+from heli_twin.terminal_text import clean
+
+NAME_LIMIT = 60
+"""Characters of a flight's name in a legend."""
+
+
+class Run(NamedTuple):
+    """A flight in a figure."""
+
+    log: Log
+    name: str
+    color: str
+    experiment: Experiment | None
+    """None if this version does not know it."""
+    start: float
+    """Start of what is shown, s."""
+    end: float
+
+    def shown(self, time: Array) -> Any:
+        """The slice of ascending times (n,), s, that is shown."""
+        first, last = np.searchsorted(time, [self.start, self.end + 1e-9])
+        return slice(int(first), int(last))
+
+
+class Motion(NamedTuple):
+    """Where the helicopter was."""
+
+    time: Array
+    """(n,) s, ascending."""
+    state: Array
+    """(n, 4) x y z (world, m), yaw (rad, unwrapped)."""
+    by_cameras: bool
+    """True if nobody knows the truth, as of an imported recording."""
+
+
+def motion(log: Log) -> Motion:
+    """Where the helicopter was: by the truth, or by the cameras if the log has no truth."""
+    truth, pose = log.truth, log.pose
+    if len(truth.time) or not len(pose.time):
+        return Motion(1e-9 * truth.stamp, np.column_stack([truth.position, truth.yaw]), by_cameras=False)
+    stamp, first = np.unique(pose.stamp, return_index=True)
+    yaw = np.unwrap(yaw_of(pose.quat_wxyz[first]))
+    return Motion(1e-9 * stamp, np.column_stack([pose.position[first], yaw]), by_cameras=True)
+
+
+def errors(log: Log) -> tuple[Array, Array]:
+    """Position and yaw minus reference.
+
+    Returns:
+        Times (n,), s, and errors (n, 4): x y z (world, m), yaw (rad, in [-pi, pi)). No rows without a reference.
+    """
+    if len(log.truth.time):
+        found = tracking_error(log)
+        return found.time, found.error
+    moved, planned = motion(log), log.reference
+    time = 1e-9 * planned.stamp
+    if len(moved.time) < 2 or not len(time):
+        return np.zeros(0), np.zeros((0, 4))
+    kept = (time >= moved.time[0]) & (time <= moved.time[-1])
+    there = np.column_stack([np.interp(time[kept], moved.time, moved.state[:, i]) for i in range(4)])
+    error = there - planned.x[kept, :4]
+    error[:, 3] = wrap_angle(error[:, 3])
+    return time[kept], error
+
+
+def runs(
+    logs: Sequence[Any], names: Sequence[str] | None = None, start: float | None = None, end: float | None = None
+) -> list[Run]:
+    """Read flights for a figure.
+
+    Args:
+        logs: Paths of logs, logs that were read, or results of `fly`.
+        names: For the legend; None: what tells one experiment from the others.
+        start: First moment that is shown, s; None for the beginning.
+        end: Last moment, s; None for the end of the longest flight.
+
+    Raises:
+        HeliTwinError: A log cannot be read, or names or window do not fit.
+    """
+    if not logs:
+        raise HeliTwinError("no flight is given: give the path of one log or more")
+    read = [_log(each) for each in logs]
+    if names is not None and len(names) != len(read):
+        raise HeliTwinError(f"names has {len(names)} names for {len(read)} flights: give one for each")
+    longest = max(1e-9 * log.ending.time for log in read)
+    first, last = 0.0 if start is None else start, longest if end is None else end
+    if not 0 <= first < last or first >= longest:
+        raise HeliTwinError(
+            f"nothing was recorded from {first:g} to {last:g} s: give a window within 0 and {longest:g} s, its start"
+            " before its end"
+        )
+    known = [_experiment(log) for log in read]
+    shown = names or _told_apart(read, known, logs)
+    return [
+        Run(log, clean(name, NAME_LIMIT), color(i), experiment, first, min(last, longest))
+        for i, (log, name, experiment) in enumerate(zip(read, shown, known, strict=True))
+    ]
+
+
+def _log(source: Any) -> Log:
+    if isinstance(source, str | Path):
+        return read_log(source)
+    found = source if isinstance(source, Log) else getattr(source, "log", None)
+    if not isinstance(found, Log):
+        raise HeliTwinError(f"{clean(repr(source), 80)} is no flight: give a path, a log or a result of `fly`")
+    return found
+
+
+def _experiment(log: Log) -> Experiment | None:
+    try:
+        return viewed_experiment(log)
+    except ExperimentError:
+        return None
+
+
+def _told_apart(logs: Sequence[Log], known: Sequence[Experiment | None], given: Sequence[Any]) -> list[str]:
+    """For each flight the words of its `fly` command that not all have; the name of its file if that tells nothing."""
+    words = [_words(log) if experiment else [] for log, experiment in zip(logs, known, strict=True)]
+    if len(logs) == 1:
+        return [" ".join(words[0]) or ("lab" if known[0] else "")]
+    common = set(words[0]).intersection(*words)
+    told = [" ".join(word for word in each if word not in common) or "lab" for each in words]
+    files = [Path(str(each)).stem if isinstance(each, str | Path) else "" for each in given]
+    doubled = {name for name in told if told.count(name) > 1}
+    return [(files[i] or f"{name} {i + 1}") if name in doubled or not known[i] else name for i, name in enumerate(told)]
+
+
+def _words(log: Log) -> list[str]:
+    try:
+        return fly_words(log.experiment)
+    except ExperimentError:
+        return []
