@@ -79,6 +79,11 @@ hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstanda
 
 EQUIVALENT = {
     (
+        "heli_twin/metrics/response.py",
+        "return [(a, b) for a, b in edges.reshape(-1, 2).tolist()"
+        " if a == 0 or (b - a) * period >= REST_DURATION_S - 1.5000000000000002e-09]",
+    ): "differs only for a duration equal to the limit in nine digits",
+    (
         "heli_twin/reporting/intervals.py",
         "mean, low, high, n = (column[0] for column in grouped_mean(np.zeros(len(values), np.int64), values, 2))",
     ): "one group too many is not read",

@@ -85,9 +85,10 @@ def margins(response: LoopResponse) -> Margins:
     # Lag from -180 degrees on, the nearest one that comes with more delay.
     lags = np.mod(phase[crossings] + np.pi, 2.0 * np.pi)
     delay = float((lags / frequency[crossings]).min()) if len(crossings) else np.inf
-    real = np.flatnonzero((np.diff(np.sign(loop.imag)) != 0) & (loop.real[:-1] < 0.0))
+    real = np.flatnonzero(np.diff(np.sign(loop.imag)) != 0)
     share = loop.imag[real] / (loop.imag[real] - loop.imag[real + 1])
     gains = -1.0 / (loop.real[real] + share * (loop.real[real + 1] - loop.real[real]))
+    # A crossing where the real part is positive gives a negative gain.
     above = gains[gains > 1.0]
     return Margins(
         float(above.min()) if len(above) else np.inf,

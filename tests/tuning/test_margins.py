@@ -17,32 +17,7 @@ from heli_twin.cli import main
 from heli_twin.errors import HeliTwinError
 from heli_twin.lab.plant.ideal import Ideal
 from heli_twin.lab.plant.mujoco import MuJoCo
-from heli_twin.metrics.margins import LoopResponse, margins
 from heli_twin.tuning.margins import believed, law_margins
-
-
-@pytest.mark.parametrize(
-    ("numerator", "denominator", "pade"),
-    [([2.0], [1, 3, 2, 0], 0), ([4.0, 4.0], [1, 2, 0, 0], 0), ([2.0, 1.0], [1, 0.5, 0], 0.08)],
-)
-def test_python_control_finds_the_same_margins(numerator, denominator, pade):
-    loop = control.tf(numerator, denominator)
-    if pade:
-        loop *= control.tf(*control.pade(pade, 6))
-    w = np.geomspace(0.1, 200.0, 4000)
-    ours = margins(LoopResponse(w, loop(1j * w)))
-    gain, phase, stability, _, crossover, _ = control.stability_margins(loop)
-    assert ours.gain == pytest.approx(gain, rel=2e-3)
-    assert ours.crossover == pytest.approx(crossover, rel=2e-3)
-    assert ours.delay == pytest.approx(np.radians(phase) / crossover, rel=5e-3)
-    assert ours.peak_sensitivity == pytest.approx(1.0 / stability, rel=5e-3)
-
-
-def test_a_loop_that_never_gets_unstable_has_infinite_margins():
-    w = np.geomspace(0.1, 10.0, 50)
-    ours = margins(LoopResponse(w, 0.3 / (1.0 + 1j * w)))
-    assert (ours.gain, ours.delay, ours.crossover) == (np.inf, np.inf, 0.0)
-    assert ours.peak_sensitivity == pytest.approx(1.0, abs=0.02)
 
 
 class Difference:
