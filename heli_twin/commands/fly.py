@@ -88,47 +88,14 @@ def exit_code(result: "Result") -> int:
 
 def show(summary: dict[str, Any]) -> None:
     """Print a result for a person."""
-    from rich.console import Console
-    from rich.table import Table
+    from heli_twin.reporting.terminal_tables import control_problems, print_errors
 
-    console = Console()
     say(f"{summary['outcome']}: {summary['outcome_text']}")
     if summary["outcome"] == "invalid":
         say("it has no digest and no errors to tell" + (f"; log {summary['log']}" if summary["log"] else ""))
         return
-    errors = Table(title=f"error against the truth, from {summary['settling']:g} s on", title_justify="left")
-    for column in ("", "x", "y", "z", "yaw"):
-        errors.add_column(column, justify="right" if column else "left")
-    for name, key in (("largest", "max_abs_error"), ("root mean square", "rmse")):
-        errors.add_row(name, *(_length(summary[key][axis]) for axis in "xyz"), _angle(summary[key]["yaw"]))
-    console.print(errors)
-    times = Table(title="measured times", title_justify="left")
-    for column in ("", "median", "99 %", "largest"):
-        times.add_column(column, justify="right" if column else "left")
-    for name, key in (("control step", "control_step_ms"), ("QP solve", "solve_ms")):
-        times.add_row(name, *(_milliseconds(summary[key][p]) for p in ("p50", "p99", "max")))
-    console.print(times)
-    say(f"control problems: {_statuses(summary) or 'none'}")
+    print_errors(summary)
+    say(f"control problems: {control_problems(summary)}")
     say(f"{summary['real_time_factor']:.0f} times real time, digest {summary['flight_digest'][:16]}")
     if summary["log"]:
         say(f"log {summary['log']}")
-
-
-def _statuses(summary: dict[str, Any]) -> str:
-    """`1499 solved, 1 step before the first pose`."""
-    counts, blind = dict(summary["qp_status"]), summary["steps_before_first_pose"]
-    counts["safe_hover"] = counts.get("safe_hover", 0) - blind
-    told = [f"{count} {status}" for status, count in counts.items() if count]
-    return ", ".join(told + [f"{blind} step{'s' if blind > 1 else ''} before the first pose"] * bool(blind))
-
-
-def _length(metres: float | None) -> str:
-    return "-" if metres is None else f"{100 * metres:.2f} cm"
-
-
-def _angle(radians: float | None) -> str:
-    return "-" if radians is None else f"{57.29578 * radians:.2f} deg"
-
-
-def _milliseconds(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f} ms"

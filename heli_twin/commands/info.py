@@ -99,12 +99,8 @@ def _finite(value: Any) -> Any:
 
 def show(facts: dict[str, Any]) -> None:
     """Print the facts for a person."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from heli_twin.logbook import SOURCES
+    from heli_twin.reporting.terminal_tables import control_problems, print_errors, print_table
 
     say(f"{'file':<16} {facts['file']}, {facts['size'] / 1e6:.2f} MB")
     rows = [
@@ -123,20 +119,16 @@ def show(facts: dict[str, Any]) -> None:
         rows.append(("recovered", "yes: this is what was saved of a broken log"))
     for key, value in rows:
         print(f"{clean(key, VALUE_LIMIT):<16} {clean(value, VALUE_LIMIT)}")
-    table = Table(box=box.SIMPLE)
-    for column in ("topic", "messages", "per second", "bytes"):
-        table.add_column(column, justify="left" if column == "topic" else "right")
-    for name, topic in facts["topics"].items():
-        rate = "" if topic["rate"] is None else f"{topic['rate']:.1f}"
-        table.add_row(Text(clean(name, VALUE_LIMIT)), str(topic["messages"]), rate, f"{topic['bytes']:,}")
-    Console().print(table)
-    metrics = json.dumps({key: value for key, value in facts["metrics"].items() if key in SHORT_METRICS})
-    print(f"{'metrics':<16} {clean(metrics, VALUE_LIMIT)}")
+    topics = [
+        (name, str(topic["messages"]), "" if topic["rate"] is None else f"{topic['rate']:.1f}", f"{topic['bytes']:,}")
+        for name, topic in facts["topics"].items()
+    ]
+    print_table(("topic", "messages", "per second", "bytes"), topics)
+    print_errors(facts["metrics"])
+    print(f"control problems {clean(control_problems(facts['metrics']), VALUE_LIMIT)}")
 
 
 POSITIONS_FROM = {"truth": "the truth", "cameras": "the cameras: nobody knows the truth", None: "none"}
-SHORT_METRICS = ("max_abs_error", "rmse", "qp_status")
-"""Metrics that fit on a line."""
 
 
 def _phases(changes: list[dict[str, Any]]) -> str:

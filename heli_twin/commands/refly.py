@@ -1,17 +1,15 @@
 """`heli-twin refly`: fly a log's experiment again."""
 
 from argparse import ArgumentParser, Namespace, _SubParsersAction
-from collections.abc import Iterator, Mapping
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from heli_twin.commands import add_with, command, file_path, load_with, progress_bar, say
 from heli_twin.commands.fly import INVALID_RUN
 from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
-    from rich.text import Text
-
     from heli_twin.reanalysis.refly import Refly
 
 
@@ -119,33 +117,17 @@ def judge(again: "Refly") -> None:
 
 def compare(again: "Refly") -> None:
     """Print both results."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
+    from heli_twin.metrics.flat import flat
     from heli_twin.metrics.tracking import metrics
+    from heli_twin.reporting.terminal_tables import metric_text, print_table
+    from heli_twin.reporting.words import metric
 
-    table = Table(title=Text(clean(f"with {' '.join(again.overrides)}")), title_justify="left")
-    for column in ("", "logged", "flown again", "difference"):
-        table.add_column(column, justify="right" if column else "left")
-    logged, now = dict(_flat(metrics(again.logged))), dict(_flat(metrics(again.result.log)))
+    logged, now = flat(metrics(again.logged)), flat(metrics(again.result.log))
+    rows: list[Sequence[str]] = []
     for key in (*now, *(key for key in logged if key not in now)):
         a, b = logged.get(key), now.get(key)
-        change = f"{b - a:+.4g}" if isinstance(a, int | float) and isinstance(b, int | float) else ""
-        table.add_row(Text(clean(key)), _text(a), _text(b), change)
-    Console().print(table)
-    print("lengths in m, angles in rad, errors against the truth")
-
-
-def _flat(table: Mapping[str, Any], here: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{here}{key}.")
-        else:
-            yield f"{here}{key}", value
-
-
-def _text(value: Any) -> "Text":
-    from rich.text import Text
-
-    return Text("-" if value is None else f"{value:.4g}" if isinstance(value, float) else clean(str(value)))
+        numbers = isinstance(a, int | float) and isinstance(b, int | float)
+        change = metric_text(key, b - a, signed=True) if numbers else ""
+        rows.append((metric(key).name, metric_text(key, a), metric_text(key, b), change))
+    print_table(("", "logged", "flown again", "difference"), rows, f"with {' '.join(again.overrides)}")
+    print("errors against the truth")

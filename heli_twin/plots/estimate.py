@@ -7,9 +7,10 @@ import numpy as np
 
 from controllers.rotations import wrap_angle, yaw_of
 from controllers.signals import Array
+from heli_twin.metrics.motion import motion
 from heli_twin.plots.axes import AXES, ERROR_UNITS, legend, time_axis
 from heli_twin.plots.marks import mark
-from heli_twin.plots.runs import Run, motion
+from heli_twin.plots.runs import Run
 
 BESIDE = True
 POSE_COLOR = "#CC79A7"

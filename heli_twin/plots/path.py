@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from heli_twin.metrics.motion import motion
 from heli_twin.plots.axes import NARROW_INCHES, REFERENCE, legend
 from heli_twin.plots.marks import OUTAGE_COLOR, outages
-from heli_twin.plots.runs import Run, motion
+from heli_twin.plots.runs import Run
 from heli_twin.plots.tracking import lacks as lacks
 
 BESIDE = False

@@ -6,14 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.rotations import wrap_angle, yaw_of
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.differences import fly_words
 from heli_twin.experiment.tree import ExperimentError
 from heli_twin.logbook import viewed_experiment
-from heli_twin.metrics.tracking import tracking_error
 from heli_twin.recording import Log, read_log
 from heli_twin.reporting.figure import color
 from heli_twin.terminal_text import clean
@@ -38,47 +36,6 @@ class Run(NamedTuple):
         """The slice of ascending times (n,), s, that is shown."""
         first, last = np.searchsorted(time, [self.start, self.end + 1e-9])
         return slice(int(first), int(last))
-
-
-class Motion(NamedTuple):
-    """Where the helicopter was."""
-
-    time: Array
-    """(n,) s, ascending."""
-    state: Array
-    """(n, 4) x y z (world, m), yaw (rad, unwrapped)."""
-    by_cameras: bool
-    """True if nobody knows the truth, as of an imported recording."""
-
-
-def motion(log: Log) -> Motion:
-    """Where the helicopter was: by the truth, or by the cameras if the log has no truth."""
-    truth, pose = log.truth, log.pose
-    if len(truth.time) or not len(pose.time):
-        return Motion(1e-9 * truth.stamp, np.column_stack([truth.position, truth.yaw]), by_cameras=False)
-    stamp, first = np.unique(pose.stamp, return_index=True)
-    yaw = np.unwrap(yaw_of(pose.quat_wxyz[first]))
-    return Motion(1e-9 * stamp, np.column_stack([pose.position[first], yaw]), by_cameras=True)
-
-
-def errors(log: Log) -> tuple[Array, Array]:
-    """Position and yaw minus reference.
-
-    Returns:
-        Times (n,), s, and errors (n, 4): x y z (world, m), yaw (rad, in [-pi, pi)). No rows without a reference.
-    """
-    if len(log.truth.time):
-        found = tracking_error(log)
-        return found.time, found.error
-    moved, planned = motion(log), log.reference
-    time = 1e-9 * planned.stamp
-    if len(moved.time) < 2 or not len(time):
-        return np.zeros(0), np.zeros((0, 4))
-    kept = (time >= moved.time[0]) & (time <= moved.time[-1])
-    there = np.column_stack([np.interp(time[kept], moved.time, moved.state[:, i]) for i in range(4)])
-    error = there - planned.x[kept, :4]
-    error[:, 3] = wrap_angle(error[:, 3])
-    return time[kept], error
 
 
 def runs(

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from heli_twin.metrics.motion import errors, motion
 from heli_twin.metrics.tracking import SETTLING_S
 from heli_twin.plots.axes import AXES, ERROR_UNITS, NARROW_INCHES, REFERENCE, UNITS, legend, time_axis
 from heli_twin.plots.marks import mark
-from heli_twin.plots.runs import Run, errors, motion
+from heli_twin.plots.runs import Run
 
 BESIDE = False
 

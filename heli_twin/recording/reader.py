@@ -47,7 +47,7 @@ def read_log(source: Path | str | IO[bytes], topics: Collection[str] | None = No
             unknown.
     """
     name = str(source) if isinstance(source, Path | str) else "the log in memory"
-    with _reading(name):
+    with reading(name):
         data = load(source)
         _check_ends(data)
         contents = _Contents(topics, Allowance(len(data)))
@@ -59,7 +59,7 @@ def read_log(source: Path | str | IO[bytes], topics: Collection[str] | None = No
 
 
 @contextmanager
-def _reading(name: str) -> Generator[None]:
+def reading(name: str) -> Generator[None]:
     """Turn every exception inside into one sentence about the file of that name."""
     name = clean(name, 200)
     try:

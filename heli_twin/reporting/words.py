@@ -22,7 +22,13 @@ NAMES = {
     "variation": "stick travel",
 }
 LENGTHS = ("rmse", "max_abs_error", "p95", "bias", "spread", "sustained")
-UNITS = {"phase_lag": ("ms", 1e3), "settling_time": ("s", 1.0), "overshoot": ("%", 100.0)}
+UNITS = {
+    "duration": ("s", 1.0),
+    "settling": ("s", 1.0),
+    "phase_lag": ("ms", 1e3),
+    "settling_time": ("s", 1.0),
+    "overshoot": ("%", 100.0),
+}
 
 STORED_UNITS = {
     "phase_lag": "s",

@@ -1,11 +1,11 @@
 """The columns of a run's row: outcome, metrics and provenance."""
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import cache
 from typing import Any, Literal
 
 from heli_twin.experiment import Experiment
+from heli_twin.metrics.flat import flat
 from heli_twin.metrics.measures import measures
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log
@@ -44,17 +44,6 @@ def outcome(log: Log) -> str:
     height = log.reference.x[-1:, 2]
     has_come_down = log.outcome == "landed" and bool((height < STANDING_PLAN_M).all())
     return COMPLETED if has_come_down else log.outcome
-
-
-def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested tables as one, names joined by dots; non-finite numbers become None."""
-    row: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            row |= flat(value, f"{prefix}{key}.")
-        else:
-            row[prefix + key] = None if isinstance(value, float) and not math.isfinite(value) else value
-    return row
 
 
 @cache

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 from heli_twin.experiment.differences import fly_command
 from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of
+from heli_twin.reporting.terminal_tables import metric_text
+from heli_twin.reporting.words import metric
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import varied
@@ -32,7 +34,7 @@ def worst_runs(folder: Path, number: int = 10) -> list[WorstRun]:
     worst: list[WorstRun] = []
     for run_id, row in rows.items():
         place = ", ".join(f"{key} {row[key]}" for key in ("alternative", *study.axes, "rung", "seed") if key in row)
-        score = f"{study.score} {row.get(study.score, float('nan')):.4g}"
+        score = f"{metric(study.score).name} {metric_text(study.score, row.get(study.score))}"
         what = score if row["outcome"] == COMPLETED else row.get("outcome_text", "")
         worst.append(WorstRun(run_id, f"{what} ({place})", command_of(folder, run_id)))
     return worst

@@ -1,0 +1,1 @@
+"""Tables over many logs: what was flown, how it ended, how well."""
