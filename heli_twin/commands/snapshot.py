@@ -7,6 +7,8 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from heli_twin.commands import command, file_path, say
 from heli_twin.errors import HeliTwinError
 
+MIN_SIZE_PX = 640, 400
+"""Below this the titles and numbers of the plots cannot be read."""
 MAX_SIDE_PX = 8192
 """The longest side that software renderers draw."""
 
@@ -21,7 +23,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "Write what `heli-twin replay` shows at one moment as a picture. It needs no screen and no graphics card,\n"
         "but a driver that draws: on Debian and Ubuntu `apt install mesa-vulkan-drivers`.",
         "  heli-twin snapshot logs/RUN.mcap --at 12.3 flight.png\n"
-        "  heli-twin snapshot logs/A.mcap logs/B.mcap compared.png --at 12.3 --size 1920x1080",
+        "  heli-twin snapshot logs/A.mcap logs/B.mcap compared.png --at 12.3 --size 1920x1080\n"
+        "  heli-twin snapshot logs/RUN.mcap sticks.png --tab inputs",
     )
     parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin recorded")
     parser.add_argument(
@@ -30,6 +33,13 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument("picture", type=file_path, metavar="PICTURE.png", help="the file to write")
     parser.add_argument("--at", type=float, metavar="SECONDS", help="simulated time (default: the end of the flight)")
     parser.add_argument("--size", type=_size, default="1600x900", metavar="WxH", help="pixels (default 1600x900)")
+    parser.add_argument(
+        "--tab",
+        default="",
+        metavar="NAME",
+        help="the plots to show: flight, position, inputs, air or computing; of two flights errors, difference,"
+        " position, inputs or controller (default: what has changed)",
+    )
 
 
 def run(parsed: Namespace) -> int:
@@ -39,7 +49,7 @@ def run(parsed: Namespace) -> int:
     if not parsed.picture.parent.is_dir():
         raise HeliTwinError(f"cannot write {parsed.picture}: there is no folder {parsed.picture.parent}")
     shown = flights([path for path in (parsed.log, parsed.other) if path])
-    snapshot(shown, parsed.picture, at=parsed.at, size=parsed.size)
+    snapshot(shown, parsed.picture, at=parsed.at, size=parsed.size, tab=parsed.tab)
     say(f"wrote {parsed.picture}")
     return 0
 
@@ -47,8 +57,9 @@ def run(parsed: Namespace) -> int:
 def _size(text: str) -> tuple[int, int]:
     sides = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
     width, height = (int(side) for side in sides.groups()) if sides else (0, 0)
-    if not (100 <= width <= MAX_SIDE_PX and 100 <= height <= MAX_SIDE_PX):
+    if not (MIN_SIZE_PX[0] <= width <= MAX_SIDE_PX and MIN_SIZE_PX[1] <= height <= MAX_SIDE_PX):
+        least, most = "x".join(map(str, MIN_SIZE_PX)), f"{MAX_SIDE_PX}x{MAX_SIDE_PX}"
         raise argparse.ArgumentTypeError(
-            f"'{text}' is no size: write width x height in pixels, 100 to {MAX_SIDE_PX} each, such as 1600x900"
+            f"'{text}' is no size that can be read: write width x height in pixels, {least} to {most}, such as 1600x900"
         )
     return width, height

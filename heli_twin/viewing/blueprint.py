@@ -1,6 +1,6 @@
 """The views of a flight: which there are, where they stand, and what the camera looks at."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,15 +9,20 @@ import rerun.blueprint as rrb
 from controllers.signals import Array, NamedState
 from heli_twin.lab.plant.shape import Primitive
 from heli_twin.recording.log import Log
+from heli_twin.recording.schema import LogError
+from heli_twin.terminal_text import instead
 from heli_twin.viewing.style import INPUTS, POSITIONS, Source
 
 TIMELINE = "sim_time"
+BESIDE = np.array([-0.45, -1.75, 0.75])
+"""Position of the camera from what it looks at, in units of the path's radius: to the east, so that north is to the
+right and a helicopter that flies north is seen from its side."""
 TRAIL_S = 2.0
 """Length of the flown path that is shown behind the helicopter."""
 
 
 class Scales(NamedTuple):
-    """Values that the plots compare with; they follow from the experiment."""
+    """Values that the plots compare with; they follow from the experiment, and what is shown from the flight."""
 
     u_min: tuple[float, ...] = (-1.0, -1.0, 0.0, -1.0)
     """Lower input limits, fractions of full stick."""
@@ -27,14 +32,21 @@ class Scales(NamedTuple):
     """Control period, s: the deadline of the solver."""
     path: Array | None = None
     """(n, 3) path of the flight, world, m: the camera looks at it."""
-    planned: bool = True
-    """True if there is a reference to compare the flight with."""
 
     source: Source = "truth"
     states: tuple[NamedState, ...] = ()
     """Names and units of the estimator's further states."""
     shape: tuple[Primitive, ...] = ()
     """Of the helicopter; empty for the mCX2."""
+    present: frozenset[str] | None = None
+    """The entities that have data; None while a flight lasts, when all may get some."""
+    ranges: Mapping[str, tuple[float, float]] = {}
+    """Range of the y axis of each plot, by its origin; one that is missing follows the data."""
+
+    def shows(self, entity: str) -> bool:
+        """Return whether an entity, or one below it, may have data."""
+        below = entity.strip("/")
+        return self.present is None or any(f"{name}/".startswith(f"{below}/") for name in self.present)
 
     def for_source(self, log: Log) -> "Scales":
         """The same for a log as it was read."""
@@ -44,60 +56,127 @@ class Scales(NamedTuple):
         """The same for a whole flight; the camera looks at the flown path if there is no planned one."""
         scales = self._replace(states=log.estimate_states)
         if len(log.truth.time) and not len(log.reference.time):
-            return scales._replace(path=log.truth.position, planned=False)
+            return scales._replace(path=log.truth.position)
         return scales._replace(path=log.reference_paths[0][1]) if self.path is None and log.reference_paths else scales
 
 
-def layout(scales: Scales) -> rrb.Blueprint:
-    """Scene, events and controller state to the left, plots to the right."""
-    flown = "flown" if scales.source == "truth" else f"seen by the {scales.source}"
+class Tab(NamedTuple):
+    """Plots that are seen together."""
+
+    name: str
+    plots: Sequence[rrb.View]
+    shares: Sequence[float] = ()
+    """Of the height; empty for four in a square, where each is tall enough for numbers at its axis."""
+
+    def container(self) -> rrb.Container:
+        """The plots in their places."""
+        if self.shares:
+            return rrb.Vertical(*self.plots, name=self.name, row_shares=self.shares)
+        return rrb.Grid(*self.plots, name=self.name, grid_columns=1 if len(self.plots) < 3 else 2)
+
+
+def layout(scales: Scales, tab: str = "") -> rrb.Blueprint:
+    """Scene, events and controller state to the left, plots to the right.
+
+    Args:
+        scales: What to show.
+        tab: Name of the plots in front; empty for the first.
+
+    Raises:
+        LogError: There is no such tab.
+    """
+    colours = [
+        "blue flown" if scales.source == "truth" else f"blue seen by the {scales.source}",
+        *(["orange planned"] if scales.shows("world/horizon") else []),
+        *(["white reference"] if scales.shows("world/reference_path") or scales.shows("world/reference") else []),
+    ]
+    events = rrb.TextLogView(
+        name="Events", origin="/events", columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+    )
+    told = [events, rrb.StateTimelineView(name="States", origin="/state")][: 1 + scales.shows("state")]
     seen = rrb.Vertical(
-        scene(f"Flight: blue {flown}, orange planned, white reference", scales.path),
-        rrb.Horizontal(
-            rrb.TextLogView(
-                name="Events", origin="/events", columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
-            ),
-            rrb.StateTimelineView(name="Controller, supervisor and contact", origin="/state"),
-            column_shares=[3, 2],
-        ),
-        row_shares=[4, 1],
+        scene(f"Flight: {', '.join(colours)}", scales.path),
+        rrb.Horizontal(*told, column_shares=[3, 2][: len(told)]),
+        row_shares=[3, 1],
     )
-    plots = rrb.Tabs(
-        rrb.Vertical(
-            plot("Position error [cm]", "/error/position"),
-            plot("Yaw error [deg]", "/error/yaw"),
-            plot("Input sent [of full stick]", "/input/all"),
-            plot("Computing [ms]", "/computing", y=(0.0, 1.2e3 * scales.period)),
-            name="Flight",
-            row_shares=[4, 2, 3, 2],
-        ),
-        rrb.Vertical(
-            *(plot(f"{name} [{'deg' if name == 'yaw' else 'm'}]", f"/position/{name}") for name in POSITIONS),
-            name="Position",
-        ),
-        rrb.Vertical(
-            *(
-                plot(f"{name} [of full stick]", f"/input/{name}", y=(low - 0.05, high + 0.05))
-                for name, low, high in zip(INPUTS, scales.u_min, scales.u_max, strict=True)
-            ),
-            name="Inputs",
-        ),
-        rrb.Vertical(
-            plot("Wind [m/s]", "/air/wind"),
-            plot("Push [m/s^2]", "/air/push"),
-            plot("Thrust [of nominal]", "/air/thrust"),
-            name="Air",
-        ),
-        *([_states(scales)] if scales.states else []),
-        active_tab=0 if scales.planned else 1,
-    )
-    return blueprint(seen, plots)
+    return blueprint(seen, in_tabs(_tabs(scales), tab))
 
 
-def _states(scales: Scales) -> rrb.Vertical:
-    """Plots of the estimator's further states."""
-    views = (plot(f"{state.name} [{state.unit}]", f"/states/{state.name}") for state in scales.states)
-    return rrb.Vertical(*views, name="Further states")
+def _tabs(scales: Scales) -> list[Tab]:
+    """The tabs of a flight; a plot without data is left out, and a tab without plots."""
+    tabs = [
+        Tab(
+            "Flight",
+            [
+                _plot(scales, "Position error [cm]: x red, y green, z blue", "/error/position"),
+                _plot(scales, "Yaw error [deg]", "/error/yaw"),
+                _plot(scales, "Sticks sent: pitch red, roll green, thrust blue, yaw yellow", "/input/all"),
+            ],
+            [4, 3, 4],
+        ),
+        Tab(
+            "Position",
+            [
+                _plot(scales, f"{name} [{'deg' if name == 'yaw' else 'm'}]{colours}", f"/position/{name}")
+                for name, colours in zip(POSITIONS, position_colours(scales), strict=True)
+            ],
+        ),
+        Tab(
+            "Inputs",
+            [
+                plot(f"{name} [of full stick]{colours}", f"/input/{name}", (low - 0.1, high + 0.1))
+                for name, low, high, colours in zip(INPUTS, scales.u_min, scales.u_max, INPUT_COLOURS, strict=True)
+            ],
+        ),
+        Tab(
+            "Air",
+            [
+                _plot(scales, "Wind [m/s]: x red, y green, z blue", "/air/wind"),
+                _plot(scales, "Push [m/s^2]: the same colours", "/air/push"),
+                _plot(scales, "Thrust [of nominal]", "/air/thrust"),
+            ],
+            [1, 1, 1],
+        ),
+        Tab("Computing", [plot(COMPUTING, "/computing", (0.0, 1.2e3 * scales.period))]),
+        Tab(
+            "Further states", [plot(f"{state.name} [{state.unit}]", f"/states/{state.name}") for state in scales.states]
+        ),
+    ]
+    return [kept for tab in tabs if (kept := _with_data(tab, scales)).plots]
+
+
+INPUT_COLOURS = (": sent orange", ": acting blue", ": limits red", "")
+"""The colours of the four plots of inputs, told over their titles: a legend would hide a part of the flight."""
+COMPUTING = "Computing [ms]: whole step white, solver orange, deadline red"
+
+
+def position_colours(scales: Scales) -> tuple[str, str, str, str]:
+    """The same of the plots of the position."""
+    reference = ", reference white" if scales.shows("/position/x/reference") else ""
+    cameras = ", cameras violet" if scales.source == "truth" else ""
+    estimate = ": estimate green" if scales.shows("/position/x/estimate") else ""
+    return f": {scales.source} blue{reference}", f"{estimate}{cameras}", "", ""
+
+
+def _plot(scales: Scales, name: str, origin: str) -> rrb.TimeSeriesView:
+    return plot(name, origin, scales.ranges.get(origin))
+
+
+def _with_data(tab: Tab, scales: Scales) -> Tab:
+    kept = [i for i, view in enumerate(tab.plots) if scales.shows(str(view.origin))]
+    return tab._replace(plots=[tab.plots[i] for i in kept], shares=[tab.shares[i] for i in kept] if tab.shares else ())
+
+
+def in_tabs(tabs: Sequence[Tab], name: str = "") -> rrb.Tabs:
+    """The tabs, the named one in front.
+
+    Raises:
+        LogError: None has this name.
+    """
+    names = [tab.name.lower() for tab in tabs]
+    if name and name.lower() not in names:
+        raise LogError(f"there is no tab {instead(name.lower(), names)}")
+    return rrb.Tabs(*(tab.container() for tab in tabs), active_tab=names.index(name.lower()) if name else 0)
 
 
 def blueprint(seen: rrb.Container, plots: rrb.Container) -> rrb.Blueprint:
@@ -133,9 +212,7 @@ def scene(name: str, path: Array | None, flights: Sequence[str] = ("",)) -> rrb.
         contents=[f"+ {flight}/world/**" for flight in flights],
         background=[24, 26, 31],
         line_grid=rrb.LineGrid3D(spacing=0.5, color=[90, 96, 110, 120]),
-        eye_controls=rrb.EyeControls3D(
-            position=centre + radius * np.array([-1.35, -0.95, 0.8]), look_target=centre, eye_up=(0.0, 0.0, 1.0)
-        ),
+        eye_controls=rrb.EyeControls3D(position=centre + radius * BESIDE, look_target=centre, eye_up=(0.0, 0.0, 1.0)),
         overrides={f"{flight}/world/trail": [trail] for flight in flights},
     )
 
@@ -150,5 +227,6 @@ def plot(
         contents=[*contents],
         axis_x=rrb.TimeAxis(link="LinkToGlobal"),
         axis_y=None if y is None else rrb.ScalarAxis(range=y),
-        plot_legend=rrb.PlotLegend("LeftTop"),
+        # A legend would hide a part of the flight: titles tell the colours.
+        plot_legend=rrb.PlotLegend(visible=False),
     )

@@ -28,6 +28,11 @@ def rows(log: Log, scales: Scales) -> Iterator[Rows]:
     return chain(_scene(log), _plots(log, scales), _computing(log, scales))
 
 
+def entities(log: Log, scales: Scales) -> frozenset[str]:
+    """The entities of a log that have data."""
+    return frozenset(entity for entity, times, _ in rows(log, scales) if len(times))
+
+
 def tracking(log: Log) -> tuple[Times, Array]:
     """Truth minus reference: times (n,) and x y z (world, m), yaw (rad, in [-pi, pi)) as (n, 4)."""
     truth, reference = log.truth, log.reference

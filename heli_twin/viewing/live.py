@@ -25,8 +25,9 @@ from heli_twin.viewing.delivery import (
     start_viewer,
     with_timeout,
 )
-from heli_twin.viewing.entities import Rows, rows
-from heli_twin.viewing.style import send_static
+from heli_twin.viewing.entities import Rows, entities, rows
+from heli_twin.viewing.ranges import ranges
+from heli_twin.viewing.style import floor_mark, send_static
 
 SLICE_NS = 500_000_000
 """Simulated time that is handed over at once while flying."""
@@ -47,19 +48,26 @@ Slice = dict[str, tuple[list[int], list[bytes]]]
 """Times (ns) and messages of a piece of a flight, by topic."""
 
 
-def show(log: Log, destination: Destination, scales: Scales) -> None:
+def show(log: Log, destination: Destination, scales: Scales, tab: str = "") -> None:
     """Show a whole flight.
 
+    Args:
+        log: The flight.
+        destination: Where it is shown.
+        scales: What the plots compare with.
+        tab: Name of the plots in front; empty for the first.
+
     Raises:
-        LogError: No viewer listens or answers, or the file cannot be written.
+        LogError: No viewer listens or answers, the file cannot be written, or there is no such tab.
     """
     scales = scales.for_log(log)
+    scales = scales._replace(present=entities(log, scales), ranges=ranges([log]))
 
     def fill(stream: rr.RecordingStream) -> None:
-        send_static(stream, source=scales.source, shape=scales.shape)
+        send_static(stream, source=scales.source, shape=scales.shape, floor=floor_mark(scales.path))
         send(stream, log, scales)
 
-    deliver(destination, layout(scales), fill)
+    deliver(destination, layout(scales, tab), fill)
 
 
 class Live:
@@ -138,7 +146,7 @@ class Live:
         if stream is None:
             self._tell(f"{self._destination.no_viewer()}; the flight goes on without its picture")
         else:
-            send_static(stream, shape=self._scales.shape)
+            send_static(stream, shape=self._scales.shape, floor=floor_mark(self._scales.path))
         return stream
 
     def _show(self, slices: Sequence[Slice]) -> None:

@@ -60,8 +60,8 @@ class ShownFlights(NamedTuple):
         """The longer flight's, s."""
         return 1e-9 * max(int(log.truth.time[-1]) if len(log.truth.time) else 0 for log in map(with_truth, self.logs))
 
-    def show(self, where: Destination) -> None:
-        """Show one, or two in one scene.
+    def show(self, where: Destination, tab: str = "") -> None:
+        """Show one, or two in one scene, with the plots of a tab in front.
 
         Raises:
             LogError: No viewer listens or answers, or the file cannot be written.
@@ -72,9 +72,9 @@ class ShownFlights(NamedTuple):
         ]
         first, *others = flights
         if others:
-            show_both(first, others[0], differences(*self.experiments), where)
+            show_both(first, others[0], differences(*self.experiments), where, tab)
         else:
-            show(first.log, where, first.scales)
+            show(first.log, where, first.scales, tab)
 
 
 def flights(paths: Sequence[Path]) -> ShownFlights:
@@ -106,7 +106,7 @@ def with_truth(log: Log) -> Log:
     return replace(log, messages={**log.messages, "/truth": Messages(stamps.tolist(), data)})
 
 
-def snapshot(shown: ShownFlights, file: Path, at: float | None, size: tuple[int, int]) -> None:
+def snapshot(shown: ShownFlights, file: Path, at: float | None, size: tuple[int, int], tab: str = "") -> None:
     """Write a picture of flights at one moment, without a screen.
 
     Args:
@@ -114,9 +114,10 @@ def snapshot(shown: ShownFlights, file: Path, at: float | None, size: tuple[int,
         file: `NAME.png`, written whole or not at all.
         at: Simulated time, s; None for the end.
         size: Width and height, pixels.
+        tab: Name of the plots in front; empty for the first.
 
     Raises:
-        HeliTwinError: There is no such moment, nothing to draw with, or the file cannot be written.
+        HeliTwinError: There is no such moment or tab, nothing to draw with, or the file cannot be written.
     """
     if file.suffix != ".png":
         raise HeliTwinError(f"cannot write {file}: give the picture a name that ends in .png")
@@ -124,7 +125,7 @@ def snapshot(shown: ShownFlights, file: Path, at: float | None, size: tuple[int,
     at = end if at is None else at
     if not 0 <= at <= end:
         raise HeliTwinError(f"nothing was recorded at {at:g} s: give --at a time from 0 to {end:g} s")
-    png = picture(lambda port: shown.show(Destination(port=port)), at, size)
+    png = picture(lambda port: shown.show(Destination(port=port), tab), at, size)
     try:
         write_whole(file, png)
     except OSError as error:

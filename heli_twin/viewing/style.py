@@ -8,14 +8,16 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from controllers.signals import Array
 from heli_twin.lab.plant.shape import Primitive
 from heli_twin.recording.shape import FUSELAGE, RED, ROTOR_LOWER, ROTOR_UPPER, STABILISER
 
 FLOWN, WANTED, PLANNED, BELIEVED, SEEN = 0x4FA3FFFF, 0xD8DCE3FF, 0xFFA62BFF, 0x4CD4A5FF, 0xC58BFFFF
 LIMIT, AXES, YAW = 0xFF5A5FFF, (0xFF6B6BFF, 0x7BD389FF, 0x5AA9FFFF), 0xFFD166FF
 """One colour, one meaning: truth, reference, plan and command, estimate, motion capture; limits; x y z; yaw."""
-AIR, PLUMB = 0x8FE3FFFF, 0x8A90A080
-"""Wind, and the line that drops from the helicopter to the floor."""
+AIR, PLUMB, MARK = 0x8FE3FFFF, 0x8A90A080, 0xB9BFCAFF
+"""Wind, the line that drops from the helicopter to the floor, and the arrow on the floor."""
+NORTH = (1.0, 0.0, 0.0)
 INPUTS = ("pitch", "roll", "thrust", "yaw")
 POSITIONS = ("x", "y", "z", "yaw")
 QP_STATUS_COLOURS = {"solved": 0x4CD4A5FF, "softened": YAW, "shifted_plan": PLANNED, "safe_hover": LIMIT}
@@ -62,10 +64,24 @@ def send_static(
     look: Look = ALONE,
     source: Source = "truth",
     shape: Sequence[Primitive] = (),
+    floor: Array | None = None,
 ) -> None:
-    """Send the shape of the helicopter (empty: the mCX2), and names and colours of every series."""
+    """Send what does not change with time.
+
+    Args:
+        stream: Of Rerun.
+        look: Name and colours of the flight.
+        source: Of its positions.
+        shape: Of the helicopter; empty for the mCX2.
+        floor: Beginning of the arrow on the floor; None for none.
+    """
     stream.log(look.path("world"), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _send_scene(stream, look, shape)
+    if floor is not None:
+        arrow = rr.Arrows3D(
+            origins=[floor], vectors=[NORTH], radii=0.006, colors=rgba([MARK]), labels=["north, 1 m"], show_labels=True
+        )
+        stream.log(look.path("world/floor"), arrow, static=True)
     for path, series in _series(source):
         names, colours, widths = zip(*series, strict=True)
         held = path.startswith(("input", "air"))
@@ -73,10 +89,17 @@ def send_static(
     for path, colours in (
         ("state/controller", QP_STATUS_COLOURS),
         ("state/supervisor", PHASE_COLOURS),
-        ("state/contact", CONTACT_COLOURS),
+        *([("state/contact", CONTACT_COLOURS)] if source == "truth" else []),
     ):
         style = rr.StateConfiguration(values=[*colours], colors=rgba(colours.values()))
         stream.log(look.path(path), style, static=True)
+
+
+def floor_mark(path: Array | None) -> Array:
+    """The beginning (3,) of an arrow on the floor, world, m, that is a metre long and points north: behind the path."""
+    points = np.zeros((1, 3)) if path is None else path
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return np.array([middle[0] - 0.5, points[:, 1].max() + 0.3, 0.003])
 
 
 def lines(

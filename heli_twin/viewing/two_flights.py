@@ -1,6 +1,6 @@
 """Two flights in one picture: both helicopters in one scene, their errors in one plot, and B minus A."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +10,11 @@ import rerun.blueprint as rrb
 from controllers.rotations import wrap_angle
 from controllers.signals import Array
 from heli_twin.recording.log import Log, Times
-from heli_twin.viewing.blueprint import Scales, blueprint, plot, scene
+from heli_twin.viewing.blueprint import COMPUTING, Scales, Tab, blueprint, in_tabs, plot, scene
 from heli_twin.viewing.delivery import Destination, deliver
 from heli_twin.viewing.entities import Rows, scalars, tracking
 from heli_twin.viewing.live import send, send_rows
+from heli_twin.viewing.ranges import ROW_PX, Range, labelled, ranges
 from heli_twin.viewing.style import (
     AXES,
     FLOWN,
@@ -24,6 +25,7 @@ from heli_twin.viewing.style import (
     WANTED,
     YAW,
     Look,
+    floor_mark,
     lines,
     send_static,
 )
@@ -45,19 +47,33 @@ class ComparedFlight(NamedTuple):
 
 
 def show_both(
-    a: ComparedFlight, b: ComparedFlight, differences: Sequence[FieldDifference], destination: Destination
+    a: ComparedFlight,
+    b: ComparedFlight,
+    differences: Sequence[FieldDifference],
+    destination: Destination,
+    tab: str = "",
 ) -> None:
     """Show two flights as `/A` and `/B` of one recording.
 
+    Args:
+        a: The first flight.
+        b: The second.
+        differences: What differs between their experiments.
+        destination: Where they are shown.
+        tab: Name of the plots in front; empty for those of what has changed.
+
     Raises:
-        LogError: No viewer listens or answers, or the file cannot be written.
+        LogError: No viewer listens or answers, the file cannot be written, or there is no such tab.
     """
     flights = [flight._replace(scales=flight.scales.for_log(flight.log)) for flight in (a, b)]
+    in_front = tab or ("inputs" if "resolve" in (a.log.origin, b.log.origin) else "")
+
+    floor = floor_mark(_paths(flights))
 
     def fill(stream: rr.RecordingStream) -> None:
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for flight, look in zip(flights, LOOKS, strict=True):
-            send_static(stream, look, flight.scales.source, flight.scales.shape)
+            send_static(stream, look, flight.scales.source, flight.scales.shape, floor if look is LOOKS[0] else None)
             send(stream, flight.log, flight.scales, look.path(""))
             for entity_rows in _errors(flight.log, look):
                 send_rows(stream, entity_rows)
@@ -67,7 +83,7 @@ def show_both(
         text = rr.TextDocument(document(flights, differences), media_type=rr.MediaType.MARKDOWN)
         stream.log("differences", text, static=True)
 
-    deliver(destination, _layout(flights, differences), fill)
+    deliver(destination, _layout(flights, differences, in_front), fill)
 
 
 def difference(a: Log, b: Log) -> tuple[Times, Array]:
@@ -119,15 +135,18 @@ def _send_styles(stream: rr.RecordingStream, flights: Sequence[ComparedFlight]) 
     stream.log("difference/yaw", lines(["yaw"], [YAW]), static=True)
 
 
-def _layout(flights: Sequence[ComparedFlight], differences: Sequence[FieldDifference]) -> rrb.Blueprint:
+def _paths(flights: Sequence[ComparedFlight]) -> Array | None:
     paths = [flight.scales.path for flight in flights if flight.scales.path is not None]
+    return np.concatenate(paths) if paths else None
+
+
+def _layout(flights: Sequence[ComparedFlight], differences: Sequence[FieldDifference], in_front: str) -> rrb.Blueprint:
     colours = ", ".join(
         f"{look.name} {look.colour}{'' if flight.scales.source == 'truth' else f' by the {flight.scales.source}'}"
         for look, flight in zip(LOOKS, flights, strict=True)
     )
-    named = f"{colours}, plans orange: {_in_short(differences)}"
     seen = rrb.Vertical(
-        scene(named, np.concatenate(paths) if paths else None, [f"/{look.name}" for look in LOOKS]),
+        scene(f"{colours}: {_in_short(differences)}", _paths(flights), [f"/{look.name}" for look in LOOKS]),
         rrb.Horizontal(
             rrb.TextDocumentView(name="What differs", origin="/differences"),
             rrb.TextLogView(
@@ -137,44 +156,61 @@ def _layout(flights: Sequence[ComparedFlight], differences: Sequence[FieldDiffer
                 columns=rrb.TextLogColumns(text_log_columns=["EntityPath", "LogLevel", "Body"]),
             ),
         ),
-        row_shares=[5, 2],
+        row_shares=[5, 3],
     )
-    plots = rrb.Tabs(
-        rrb.Vertical(
-            _plot_both("Distance from the reference [cm]: A blue, B pink", "tracking/position"),
-            _plot_both("Yaw error [deg]: A blue, B pink", "tracking/yaw"),
-            plot("Position of B minus A [cm]", "/difference/position"),
-            plot("Yaw of B minus A [deg]", "/difference/yaw"),
-            name="Errors and difference",
-            row_shares=[3, 2, 3, 2],
-        ),
-        rrb.Vertical(
-            *(
-                _plot_both(
-                    f"{name} [{'deg' if name == 'yaw' else 'm'}]",
-                    f"position/{name}/reference",
-                    f"position/{name}/truth",
-                    f"position/{name}/cameras",
-                )
-                for name in POSITIONS
+    return blueprint(seen, in_tabs(_tabs(flights), in_front))
+
+
+def _tabs(flights: Sequence[ComparedFlight]) -> list[Tab]:
+    """The tabs of two flights; those of errors need a reference of both."""
+    first, second = flights
+    minus = difference(first.log, second.log)[1]
+    r = ranges([flight.log for flight in flights])
+    errors = Tab(
+        "Errors",
+        [
+            _plot_both("Distance from the reference [cm]: A blue, B pink", ["tracking/position"], r),
+            _plot_both("Yaw error [deg]: A blue, B pink", ["tracking/yaw"], r),
+        ],
+        [3, 2],
+    )
+    apart = Tab(
+        "Difference",
+        [
+            plot(
+                "Position of B minus A [cm]: x red, y green, z blue", "/difference/position", _range(100 * minus[:, :3])
             ),
-            name="Position",
-        ),
-        rrb.Vertical(
-            *(_plot_both(f"{name} sent [of full stick]", f"input/{name}/sent") for name in INPUTS), name="Inputs"
-        ),
-        rrb.Vertical(
-            rrb.StateTimelineView(name="Controller, supervisor and contact", origin="/", contents=_of_both("state/**")),
-            *(plot(f"Computing of {look.name} [ms]", f"/{look.name}/computing") for look in LOOKS),
-            name="Controller",
-        ),
-        active_tab=0,
+            plot("Yaw of B minus A [deg]", "/difference/yaw", _range(np.degrees(minus[:, 3]))),
+        ],
+        [3, 2],
     )
-    return blueprint(seen, plots)
+    position = Tab(
+        "Position",
+        [
+            _plot_both(
+                f"{name} [{'deg' if name == 'yaw' else 'm'}]: A blue, B pink",
+                [f"position/{name}/{what}" for what in ("reference", "truth", "cameras")],
+                r,
+            )
+            for name in POSITIONS
+        ],
+    )
+    inputs = Tab("Inputs", [_plot_both(f"{name} sent: A blue, B pink", [f"input/{name}/sent"], r) for name in INPUTS])
+    state = rrb.StateTimelineView(name="States", origin="/", contents=_of_both("state/**"))
+    computing = [plot(f"{look.name}, {COMPUTING}", f"/{look.name}/computing") for look in LOOKS]
+    controller = Tab("Controller", [state, *computing], [1, 1, 1])
+    is_planned = any(len(flight.log.reference.time) for flight in flights)
+    return [*([errors] if is_planned else []), apart, position, inputs, controller]
 
 
-def _plot_both(name: str, *entities: str) -> rrb.TimeSeriesView:
-    return plot(name, "/", contents=[content for entity in entities for content in _of_both(entity)])
+def _range(values: Array) -> tuple[float, float] | None:
+    finite = values[np.isfinite(values)]
+    return labelled(float(finite.min()), float(finite.max()), ROW_PX) if len(finite) else None
+
+
+def _plot_both(name: str, entities: Sequence[str], r: Mapping[str, Range]) -> rrb.TimeSeriesView:
+    y = r.get(f"/{entities[0].removesuffix('/reference')}")
+    return plot(name, "/", y, [content for entity in entities for content in _of_both(entity)])
 
 
 def _of_both(entity: str) -> list[str]:
@@ -189,13 +225,29 @@ def _in_short(differences: Sequence[FieldDifference]) -> str:
 
 
 def document(flights: Sequence[ComparedFlight], differences: Sequence[FieldDifference]) -> str:
-    """A Markdown table: the two flights, and what differs between them."""
+    """The two flights in words, and a Markdown table of what differs between them, narrow enough to be seen whole."""
+    sources = tuple(flight.scales.source for flight in flights)
+    outcomes = tuple(flight.log.outcome for flight in flights)
     rows = [
-        ("file", *(flight.name for flight in flights)),
-        ("outcome", *(flight.log.outcome for flight in flights)),
-        ("positions by", *(flight.scales.source for flight in flights)),
         *differences,
         *(() if differences else [("experiment", "the same", "the same")]),
+        *([("outcome", *outcomes)] if len(set(outcomes)) > 1 else []),
+        *([("positions by", *sources)] if len(set(sources)) > 1 else []),
     ]
-    cells = [" | ".join(cell.replace("|", "/").replace("\n", " ") for cell in row) for row in rows]
-    return "\n".join(["| | A (blue) | B (pink) |", "|---|---|---|", *(f"| {row} |" for row in cells)])
+    cells = [" | ".join(_plain(cell, LONGEST_CELL) for cell in row) for row in rows]
+    table = ["| | A (blue) | B (pink) |", "|---|---|---|", *(f"| {row} |" for row in cells)]
+    names = [
+        f"{look.name} ({look.colour}): {_plain(flight.name)}, {flight.log.outcome}"
+        for look, flight in zip(LOOKS, flights, strict=True)
+    ]
+    return "\n\n".join(["\n".join(table), *names])
+
+
+LONGEST_CELL = 22
+"""Characters of a cell: three of them fit into the view of a window of 1200 pixels."""
+
+
+def _plain(text: str, most: int = 200) -> str:
+    """Text that is no Markdown; of a longer one its ends, since a path differs at its end."""
+    text = text.replace("|", "/").replace("\n", " ")
+    return text if len(text) <= most else f"{text[: most // 3]}\u2026{text[-(most - most // 3 - 1) :]}"
