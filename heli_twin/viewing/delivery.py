@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from heli_twin.recording.schema import LogError
 from heli_twin.terminal_text import pasteable
-from heli_twin.viewing.viewer_process import DELIVERY_TIMEOUT_S, is_listening, spawn, url
+from heli_twin.viewing.viewer_process import DELIVERY_TIMEOUT_S, has_screen, is_listening, is_viewer, spawn, url
 from heli_twin.whole_file import write_whole
 
 APPLICATION = "heli_twin"
@@ -38,6 +38,16 @@ class Destination(NamedTuple):
     def no_viewer(self) -> str:
         """A sentence: there is no viewer, and what to do."""
         command = pasteable("rerun", "--port", self.port)
+        if self.port is not None and is_listening(self.port):
+            return (
+                f"another program than a viewer uses port {self.port}: end it, or write a Rerun file, NAME.rrd, and"
+                " open it with `rerun --new NAME.rrd`"
+            )
+        if self.spawn and not has_screen():
+            return (
+                "there is no screen to show a viewer on: write a Rerun file, NAME.rrd, or a picture with"
+                " `heli-twin snapshot`, or look from another machine with `heli-twin replay RUN.mcap --web`"
+            )
         if self.spawn:
             return f"the viewer did not start: try `{command}` to see why, or write a Rerun file"
         return f"no viewer listens on port {self.port}: start one with `{command}`"
@@ -58,7 +68,8 @@ def deliver(destination: Destination, blueprint: rrb.Blueprint, fill: Callable[[
         stream = rr.RecordingStream(APPLICATION)
         # Rerun's own file can hang when its disk is full.
         recording = stream.memory_recording()
-        stream.send_blueprint(blueprint, make_active=False)
+        # Not as a default only: the web viewer shows a layout of its own then.
+        stream.send_blueprint(blueprint, make_active=True)
         fill(stream)
         _write(destination.file, recording.drain_as_bytes())
         return
@@ -112,7 +123,7 @@ def abandon_viewer() -> None:
 
 def start_viewer(destination: Destination) -> None:
     """Start the viewer if one is wanted and none listens."""
-    if destination.spawn and destination.port is not None and not is_listening(destination.port):
+    if destination.spawn and destination.port is not None and has_screen() and not is_listening(destination.port):
         spawn(destination.port)
 
 
@@ -126,7 +137,7 @@ def open_stream(destination: Destination, blueprint: rrb.Blueprint) -> rr.Record
     if destination.file is not None:
         _write(destination.file, b"")
         sinks.append(rr.FileSink(str(destination.file)))
-    if destination.port is not None and is_listening(destination.port):
+    if destination.port is not None and is_viewer(destination.port):
         sinks.append(rr.GrpcSink(url(destination.port)))
     if not sinks:
         return None

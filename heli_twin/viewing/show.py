@@ -1,8 +1,11 @@
 """Show recorded flights: in a viewer, in a Rerun file, or as a picture of one moment."""
 
-from collections.abc import Sequence
+import subprocess
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +23,7 @@ from heli_twin.recording.schema import LAYOUTS
 from heli_twin.viewing.blueprint import Scales
 from heli_twin.viewing.live import Destination, show
 from heli_twin.viewing.two_flights import ComparedFlight, show_both
-from heli_twin.viewing.viewer_process import picture
+from heli_twin.viewing.viewer_process import picture, web_viewer
 from heli_twin.whole_file import write_whole
 
 VIEWER_PORT = 9876
@@ -104,6 +107,25 @@ def with_truth(log: Log) -> Log:
         ]
     )
     return replace(log, messages={**log.messages, "/truth": Messages(stamps.tolist(), data)})
+
+
+@contextmanager
+def in_browser(shown: ShownFlights, port: int, tab: str = "") -> Generator[subprocess.Popen[bytes]]:
+    """Serve flights to browsers while the block lasts, from this machine to this machine alone.
+
+    Args:
+        shown: What to show.
+        port: Of the page, see `web_address`; the data have the next one.
+        tab: Name of the plots in front; empty for the first.
+
+    Raises:
+        LogError: A port is taken, or the server failed.
+    """
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "flights.rrd"
+        shown.show(Destination(file=file), tab)
+        with web_viewer(file, port) as server:
+            yield server
 
 
 def snapshot(shown: ShownFlights, file: Path, at: float | None, size: tuple[int, int], tab: str = "") -> None:

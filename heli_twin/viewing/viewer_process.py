@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 from typing import IO
 
@@ -44,6 +45,30 @@ def is_listening(port: int) -> bool:
         return False
 
 
+def is_viewer(port: int) -> bool:
+    """Return whether what listens on this port talks HTTP/2 as a viewer does: it says its settings at once."""
+    try:
+        with socket.create_connection((HOST, port), timeout=GREETING_TIMEOUT_S) as connection:
+            connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, SETTINGS_FRAME, 0, 0, 0, 0, 0]))
+            head = b""
+            while len(head) < 4 and (data := connection.recv(9)):
+                head += data
+            return head[3:4] == bytes([SETTINGS_FRAME])
+    except OSError:
+        return False
+
+
+GREETING_TIMEOUT_S = 2.0
+"""Time that a viewer may take to greet."""
+SETTINGS_FRAME = 4
+"""Type of HTTP/2's first frame, RFC 9113."""
+
+
+def has_screen() -> bool:
+    """Return whether this machine can show a window; only of Linux it is known."""
+    return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
 def spawn(port: int) -> bool:
     """Start a viewer that only this machine can reach and that outlives this program; returns whether it listens."""
     viewer = _start([], port, "--expect-data-soon", stdin=subprocess.DEVNULL, output=subprocess.DEVNULL)
@@ -68,6 +93,34 @@ def picture(show: Callable[[int], None], at: float, size: tuple[int, int]) -> by
         viewer.set_time(TIMELINE, duration=at, play_state="paused")
         time.sleep(max(REDRAW_PAUSE_S, started + START_NOTE_S - time.monotonic()))
         return viewer.take_screenshot()
+
+
+@contextmanager
+def web_viewer(file: Path, port: int) -> Generator[subprocess.Popen[bytes]]:
+    """Serve Rerun's web viewer with a recording while the block lasts; only this machine can reach it.
+
+    Args:
+        file: `NAME.rrd`.
+        port: Of the page; the recording comes from the next one, `port` + 1.
+
+    Raises:
+        LogError: A port is taken, or the server failed.
+    """
+    for number in (port, port + 1):
+        if is_listening(number):
+            raise LogError(f"port {number} is taken: give another one with --port; the one after it is needed too")
+    with TemporaryDirectory(ignore_cleanup_errors=True) as place, TemporaryFile() as said:
+        options = (str(file), "--serve-web", "--web-viewer-port", str(port))
+        starting = _start(WATCHED, port + 1, *options, stdin=subprocess.PIPE, output=said, TMPDIR=place)
+        with starting as process, _explained(process, said):
+            if not (_comes_up(process, port) and _comes_up(process, port + 1)):
+                raise LogError(f"the web viewer did not start in {START_TIMEOUT_S:g} s: try again")
+            yield process
+
+
+def web_address(port: int) -> str:
+    """The address of the web viewer's page on this port, as a browser on this machine has it."""
+    return f"http://localhost:{port}/?url=rerun%2Bhttp://localhost:{port + 1}/proxy"
 
 
 @contextmanager
