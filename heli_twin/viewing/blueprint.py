@@ -176,7 +176,8 @@ def in_tabs(tabs: Sequence[Tab], name: str = "") -> rrb.Tabs:
     names = [tab.name.lower() for tab in tabs]
     if name and name.lower() not in names:
         raise LogError(f"there is no tab {instead(name.lower(), names)}")
-    return rrb.Tabs(*(tab.container() for tab in tabs), active_tab=names.index(name.lower()) if name else 0)
+    in_front = names.index(name.lower()) if name else 0
+    return rrb.Tabs(*(tab.container() for tab in tabs), active_tab=in_front if tabs else None)
 
 
 def blueprint(seen: rrb.Container, plots: rrb.Container) -> rrb.Blueprint:

@@ -8,13 +8,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 
 from controllers.signals import Pose
 from heli_twin.recording import Log, LogError, Recorder
+from heli_twin.viewing import delivery, viewer_process
 from heli_twin.viewing.blueprint import Scales
 from heli_twin.viewing.live import Destination, Live, show
 from heli_twin.viewing.viewer_process import headless
@@ -133,6 +136,8 @@ show.VIEWER_PORT = server.getsockname()[1]
 def serve():
     while True:
         connection, _ = server.accept()
+        # As a viewer greets.
+        connection.sendall(bytes([0, 0, 0, 4, 0, 0, 0, 0, 0]))
         connections.append(connection) if sys.argv[2] == "hangs" else connection.close()
 connections = []
 Thread(target=serve, daemon=True).start()
@@ -190,6 +195,32 @@ def test_a_picture_that_cannot_be_drawn_is_told_and_the_flight_goes_on(
 def test_showing_without_a_viewer_says_how_to_start_one(free_port: int) -> None:
     with pytest.raises(LogError, match=f"no viewer listens on port {free_port}: start one with"):
         show(Log({}), Destination(port=free_port), SCALES)
+
+
+@pytest.mark.parametrize("is_mute", [True, False], ids=["mute", "closes"])
+def test_a_port_that_another_program_uses_is_told_at_once(is_mute: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewer_process, "GREETING_TIMEOUT_S", 0.2)
+    connections: list[socket.socket] = []
+
+    def serve() -> None:
+        with suppress(OSError):
+            while True:
+                connections.append(server.accept()[0])
+                if not is_mute:
+                    connections[-1].close()
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        Thread(target=serve, daemon=True).start()
+        port = server.getsockname()[1]
+        with pytest.raises(LogError, match=f"another program than a viewer uses port {port}: .* Rerun file"):
+            show(Log({}), Destination(port=port, spawn=True), SCALES)
+
+
+def test_without_a_screen_no_viewer_is_started(free_port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(delivery, "has_screen", lambda: False)
+    monkeypatch.setattr(delivery, "spawn", lambda port: pytest.fail("a viewer was started"))
+    with pytest.raises(LogError, match=r"there is no screen to show a viewer on: write a Rerun file.* --web"):
+        show(Log({}), Destination(port=free_port, spawn=True), SCALES)
 
 
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:

@@ -1,26 +1,35 @@
 """Two flights in one picture, and pictures without a screen."""
 
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from math import ceil, floor
 from pathlib import Path
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
+import rerun.blueprint as rrb
 from hypothesis import given
 from hypothesis import strategies as st
 from rerun.experimental import ViewerClient
 
+from heli_twin import HeliTwinError
 from heli_twin.cli import main
 from heli_twin.experiment.differences import differences
 from heli_twin.experiment.text import changed, load
 from heli_twin.mission import fly
 from heli_twin.recording import Log, Recorder
+from heli_twin.viewing import two_flights
 from heli_twin.viewing.blueprint import Scales, layout
-from heli_twin.viewing.show import with_truth
-from heli_twin.viewing.style import Source
-from heli_twin.viewing.two_flights import ComparedFlight, difference, document
+from heli_twin.viewing.delivery import Destination
+from heli_twin.viewing.ranges import LABEL_PX, ROW_PX, TILE_PX, labelled
+from heli_twin.viewing.show import flights, in_browser, with_truth
+from heli_twin.viewing.style import Source, floor_mark
+from heli_twin.viewing.two_flights import ComparedFlight, difference, document, show_both
+from heli_twin.viewing.viewer_process import is_listening, is_viewer
 
 Record = Callable[..., Recorder]
 RERUN = Path(sys.executable).with_name("rerun")
@@ -124,16 +133,73 @@ def test_two_logs_are_replayed_into_one_file(runs: list[Path], tmp_path: Path) -
     subprocess.run([RERUN, "rrd", "verify", saved], check=True, capture_output=True)
 
 
-def test_the_picture_tells_what_differs(record: Record) -> None:
-    runs = [ComparedFlight(record(seconds=0.3).log(), Scales(), name) for name in ("a.mcap", "b|c.mcap")]
-    text = document(runs, [("plant.mass", "0.028", "0.031")])
-    assert text.splitlines()[2:] == [
-        "| file | a.mcap | b/c.mcap |",
-        "| outcome | completed | completed |",
-        "| positions by | truth | truth |",
-        "| plant.mass | 0.028 | 0.031 |",
-    ]
+def test_the_picture_tells_what_differs_in_columns_that_fit(record: Record) -> None:
+    long_name = "20261126T200305Z-mujoco-circle-ltv_mpc-seed0.mcap"
+    runs = [ComparedFlight(record(seconds=0.3).log(), Scales(), name) for name in (long_name, "b|c.mcap")]
+    changed = [("plant.mass", "0.028", "0.031"), ("a.very.long.path.to.some.field", "x" * 50, "y")]
+    lines = document(runs, changed).splitlines()
+    assert lines[2] == "| plant.mass | 0.028 | 0.031 |"
+    # Three cells and their borders, in letters: 400 pixels of a view of a third of a window of 1200.
+    assert max(len(line) for line in lines if line.startswith("|")) <= 3 * 22 + 10
+    assert lines[-3:] == [f"A (blue): {long_name}, completed", "", "B (pink): b/c.mcap, completed"]
     assert "| experiment | the same | the same |" in document(runs, [])
+    cameras = runs[1]._replace(scales=Scales(source="cameras"))
+    assert "| positions by | truth | cameras |" in document([runs[0], cameras], [])
+
+
+@given(
+    st.floats(-1e4, 1e4),
+    st.sampled_from([0.0, 1e-4, 0.3, 1.1, 6.0, 9.0, 55.0, 700.0]),
+    st.sampled_from([ROW_PX, TILE_PX]),
+)
+def test_every_axis_has_two_numbers(low: float, span: float, height: int) -> None:
+    """Rerun writes the multiples of a power of ten that are at least some 25 pixels apart."""
+    start, end = labelled(low, low + span, height)
+    assert start < low <= low + span < end
+    steps = [10.0**k for k in range(-9, 7) if 10.0**k * height / (end - start) >= 0.8 * LABEL_PX]
+    assert floor(end / steps[0]) - ceil(start / steps[0]) >= 1
+    # And the values keep a good part of it.
+    assert end - start <= 30 * max(span, 1.0) if span < 1e-3 else end - start <= 12 * span
+
+
+def tabs_of(picture: rrb.Blueprint) -> tuple[list[str], str]:
+    """The names of the tabs, and of the one in front."""
+    tabs = picture.root_container.contents[1]
+    names = [tab.name for tab in tabs.contents]
+    return names, names[tabs.active_tab]
+
+
+def test_tabs_are_chosen_by_name_and_by_what_has_changed(record: Record) -> None:
+    assert tabs_of(layout(Scales())) == (["Flight", "Position", "Inputs", "Air", "Computing"], "Flight")
+    assert tabs_of(layout(Scales(), "inputs"))[1] == "Inputs"
+    with pytest.raises(HeliTwinError, match="there is no tab 'input': did you mean 'inputs'"):
+        layout(Scales(), "input")
+
+
+def test_of_a_flight_that_was_solved_again_the_inputs_are_in_front(
+    record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, shown = record(seconds=0.3).log(), []
+    monkeypatch.setattr(two_flights, "deliver", lambda destination, layout, fill: shown.append(tabs_of(layout)[1]))
+    again = replace(log, metadata={**log.metadata, "origin": "resolve"})
+    for other, tab in ((log, ""), (again, ""), (again, "difference")):
+        pair = [ComparedFlight(one, Scales(), "") for one in (log, other)]
+        show_both(*pair, [], Destination(), tab)
+    assert shown == ["Errors", "Inputs", "Difference"]
+
+
+def test_plots_without_data_are_left_out() -> None:
+    seen = Scales(source="cameras", present=frozenset({"position/x/cameras", "world/trail"}))
+    picture = layout(seen)
+    assert tabs_of(picture) == (["Position"], "Position")
+    scene, told = picture.root_container.contents[0].contents
+    assert scene.name == "Flight: blue seen by the cameras"
+    assert [view.name for view in told.contents] == ["Events"]
+
+
+def test_the_mark_on_the_floor_lies_behind_the_path() -> None:
+    path = np.array([[0.0, -1.0, 1.0], [2.0, 1.0, 1.5]])
+    np.testing.assert_allclose(floor_mark(path), [0.5, 1.3, 0.003])
 
 
 def test_poses_without_truth_are_replayed_as_the_flight(record: Record) -> None:
@@ -210,7 +276,7 @@ def test_what_cannot_be_pictured(
     assert capsys.readouterr().err == f"heli-twin: {said}\n"
 
 
-@pytest.mark.parametrize("size", ["12", "0x0", "99999x100", "axb"])
+@pytest.mark.parametrize("size", ["12", "0x0", "99999x900", "axb", "639x400", "640x399"])
 def test_a_size_is_two_numbers(size: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["snapshot", "run.mcap", "shot.png", "--size", size])
@@ -253,3 +319,24 @@ def test_of_an_imported_recording_the_cameras_are_shown_and_no_truth(
 def test_the_title_says_who_saw_the_flight(source: Source, words: str) -> None:
     scene = layout(Scales(source=source)).root_container.contents[0].contents[0]
     assert words in scene.name
+
+
+# --- in a browser
+
+
+def test_flights_are_served_to_this_machine_alone_and_end_with_the_block(runs: list[Path]) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    if port > 65000 or is_listening(port + 1):
+        pytest.skip("no two free ports")
+    with in_browser(flights(runs[:1]), port):
+        page = urlopen(f"http://127.0.0.1:{port}/", timeout=10).read().decode()
+        assert "<title>" in page
+        assert is_viewer(port + 1)
+        listening = {line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:]}
+        assert {f"0100007F:{number:04X}" for number in (port, port + 1)} <= listening
+        assert not {f"00000000:{number:04X}" for number in (port, port + 1)} & listening
+        with pytest.raises(HeliTwinError, match=f"port {port} is taken"), in_browser(flights(runs[:1]), port):
+            pass
+    assert not is_listening(port)
