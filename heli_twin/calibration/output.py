@@ -15,7 +15,7 @@ from controllers.model import GRAVITY
 from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, Calibrated
-from heli_twin.calibration.data import BIN_STEPS, STEP_S
+from heli_twin.calibration.coverage import covered
 from heli_twin.calibration.parameters import BATTERY_VOLTAGE_V, NAMES, POSITIVE, SPREAD, helicopter, member, values
 from heli_twin.calibration.problem import FIXED
 from heli_twin.experiment import Experiment
@@ -119,30 +119,6 @@ def point(calibrated: Calibrated) -> dict[str, float]:
     return dict(zip(NAMES, values(calibrated.fit.state.theta).tolist(), strict=True))
 
 
-def envelope(calibrated: Calibrated) -> dict[str, Any]:
-    """Return what the flights covered, over the bins of all windows.
-
-    Returns:
-        speed (m/s), climb (m/s), yaw_rate (rad/s), tilt (rad): largest; height (m) and stick: lowest and highest;
-        duration (s) of the longest flight.
-    """
-    problem = calibrated.fit.problem
-    y = np.where(problem.present[..., None], problem.y, np.nan)
-    rate = (y[:, 5:] - y[:, :-5]) / (5 * BIN_STEPS * STEP_S)
-    sent = np.concatenate([flight.sent.u for flight in problem.flights])
-    low, high = np.quantile(sent, (0.001, 0.999), axis=0)
-    return {
-        "speed": float(np.nanmax(np.hypot(rate[..., 0], rate[..., 1]))),
-        "climb": float(np.nanmax(np.abs(rate[..., 2]))),
-        "yaw_rate": float(np.nanmax(np.abs(rate[..., 3]))),
-        "tilt": float(np.nanmax(np.hypot(y[..., 4], y[..., 5]))),
-        "height": [float(np.nanmin(y[..., 2])), float(np.nanmax(y[..., 2]))],
-        "stick_low": low.tolist(),
-        "stick_high": high.tolist(),
-        "duration": max(flight.steps * STEP_S for flight in problem.flights),
-    }
-
-
 _FIELDS = {
     "thrust_gain": "thrust_per_mass",
     "pitch_gain": "pitch_gain",
@@ -197,6 +173,10 @@ def as_toml(calibrated: Calibrated, command: str = "") -> str:
     for name, (value, source) in _model(p).items():
         k = known[source]
         lines.append(f"{name} = {value:.6g}  # {source} {k.low:.5g} to {k.high:.5g} {k.unit}")
+    noises = dict(zip(noise.COMPONENTS, np.exp(calibrated.fit.state.eta).tolist(), strict=True))
+    lines.append("# what a detailed law may believe too; other laws leave it out")
+    lines += [f"{name} = {value:.6g}" for name, value in _details(p, noises).items()]
+    lines += ["", "[estimator]", f"command_delay = {max(p['delay'], 0.0):.6g}"]
     if hasattr(calibrated.base.compute, "latency"):
         lines += ["", "[compute]", f"latency = {twin.compute_latency:.6g}"]
     gust, time = known["gust_strength"], known["gust_time"]
@@ -205,8 +185,10 @@ def as_toml(calibrated: Calibrated, command: str = "") -> str:
     lines.append(f"time = {time.value:.5g}  # {time.low:.5g} to {time.high:.5g} s")
     lines += ["", "[envelope]  # what the flights covered; beyond it the twin is a guess"]
     units = {"speed": "m/s", "climb": "m/s", "yaw_rate": "rad/s", "tilt": "rad", "height": "m", "duration": "s"}
-    for name, value in envelope(calibrated).items():
-        lines.append(f"{name} = {json.dumps(_short(value))}  # {units.get(name, 'full stick')}")
+    for name, value in covered(calibrated.fit.problem.flights).plain().items():
+        lines.append(f"{name} = {json.dumps(value)}  # {units.get(name, 'full stick')}")
+    lines += ["", "[noise]  # what the twin cannot predict, standard deviations: `heli-twin validate` expects it"]
+    lines += [f"{name} = {value:.4g}" for name, value in noises.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -223,8 +205,21 @@ def _model(p: dict[str, float]) -> dict[str, tuple[float, str]]:
     }
 
 
-def _short(value: Any) -> Any:
-    return [float(f"{v:.4g}") for v in value] if isinstance(value, list) else float(f"{value:.4g}")
+def _details(p: dict[str, float], noises: dict[str, float]) -> dict[str, float]:
+    """The fields of `controllers.detailed_model.DetailedModel` beyond the paper's."""
+    frequency = p["attitude_frequency"]
+    return {
+        "pitch_frequency": frequency,
+        "roll_frequency": frequency * float(np.sqrt(p["iyy_per_ixx"])),
+        "attitude_damping": max(p["attitude_damping"], 0.01),
+        "servo_lag": p["servo_lag"],
+        "thrust_lag": p["thrust_lag"],
+        "yaw_lag": p["yaw_lag"],
+        # By tilting: the moment of the drag at the hubs against the moment that holds the attitude.
+        "hub_drag": max(GRAVITY * p["hub_drag_per_iyy"] / frequency**2, 0.0),
+        "gust_strength": noises["gust_strength"],
+        "gust_time": noises["gust_time"],
+    }
 
 
 def posterior(calibrated: Calibrated) -> dict[str, Any]:

@@ -9,13 +9,14 @@ import csv
 import re
 import reprlib
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import is_dataclass
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from controllers.detailed_model import DetailedModel
 from controllers.markers import EachOf, FileContent, OneOf
 from controllers.programs import beside
 from heli_twin.experiment import Experiment
@@ -49,12 +50,14 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Experiment
         ExperimentError: The source or an override is wrong; the message names the nearest valid choice.
     """
     tree = tree_of(Experiment())
-    table, version = _read(source or "lab")
-    leaves = dict(_leaves(table))
+    file = _read(source or "lab")
+    leaves = dict(_leaves(file.tree))
     for path, value in leaves.items():
-        put(tree, path, value)
-    restore_past(Experiment, tree, version, leaves)
-    return _changed(tree, overrides)
+        if not (file.is_calibration and _is_of_another_law(tree, path)):
+            put(tree, path, value)
+    restore_past(Experiment, tree, file.version, leaves)
+    is_own = source is not None and source not in presets()
+    return _changed(tree, overrides, {path: v for path, v in leaves.items() if is_own and path.startswith(_BELIEFS)})
 
 
 def changed(experiment: Experiment, overrides: Iterable[str]) -> Experiment:
@@ -70,9 +73,33 @@ def changed(experiment: Experiment, overrides: Iterable[str]) -> Experiment:
     return _changed(tree_of(experiment), overrides)
 
 
-def _changed(tree: Tree, overrides: Iterable[str]) -> Experiment:
+_BELIEFS = ("controller.model.", "estimator.command_delay", "estimator.gust_time")
+"""Begins of the paths of what a file may say of the helicopter as any law or estimator believes it."""
+
+
+def _is_of_another_law(tree: Tree, path: str) -> bool:
+    """Return whether a path is of a belief that the law or estimator of a tree has no place for, but others have.
+
+    A calibration says what any law may believe of its helicopter, and each takes what its model has.
+    """
+    *tables, name = path.split(".")
+    known = {("controller", "model"): fields_of(DetailedModel), ("estimator",): ("command_delay", "gust_time")}
+    here: Any = tree
+    for table in tables:
+        here = here.get(table, {}) if isinstance(here, dict) else {}
+    return name in known.get(tuple(tables), ()) and name not in here
+
+
+def _changed(tree: Tree, overrides: Iterable[str], believed: Mapping[str, Any] | None = None) -> Experiment:
+    """Apply overrides; a law or an estimator that is selected by its kind alone believes what is `believed`."""
     for path, value in sorted(map(_override, overrides), key=lambda change: not _names_a_kind(*change)):
         put_part(tree, path, value)
+        part = path.removesuffix(".kind")
+        if not isinstance(value, str) or part not in ("controller", "estimator"):
+            continue
+        for belief, its in (believed or {}).items():
+            if belief.startswith(f"{part}.") and not _is_of_another_law(tree, belief):
+                put(tree, belief, its)
     return experiment_of(tree)
 
 
@@ -193,8 +220,53 @@ def family_at(path: str, spec: type = Experiment) -> str:
     return next(filter(None, (family_at(rest, kind) for kind in members(package).values())), "")
 
 
-def _read(source: str) -> tuple[Tree, int]:
-    """Return the tables of a preset or a TOML file, and the physics version that they were written for."""
+class _File(NamedTuple):
+    """A preset or a TOML file."""
+
+    tree: Tree
+    """Its tables, without those of `NOT_FLOWN`."""
+    version: int
+    """Physics version that they were written for."""
+    is_calibration: bool
+    """True if it says what flights have covered."""
+
+
+NOT_FLOWN = ("envelope", "noise")
+"""Tables of a calibration that say no field of an experiment."""
+
+
+def table_in(source: str, name: str) -> Tree:
+    """Return one of the tables `NOT_FLOWN` of a preset or a TOML file; empty if it has none.
+
+    Raises:
+        ExperimentError: The file cannot be read, or it is no table.
+    """
+    _, tree = _parsed(source)
+    table = tree.get(name, {})
+    if not isinstance(table, dict):
+        raise ExperimentError(f"{clean(source, 200)}: {name} = {reprlib.repr(table)} is not a table")
+    return table
+
+
+def _read(source: str) -> _File:
+    """Return a preset or a TOML file."""
+    path, tree = _parsed(source)
+    is_calibration = "envelope" in tree
+    for name in NOT_FLOWN:
+        tree.pop(name, None)
+    version = tree.pop("physics", PHYSICS_VERSION)
+    if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
+        raise ExperimentError(
+            f"{clean(path, 200)} has physics = {reprlib.repr(version)}: this heli_twin knows the versions 1 to"
+            f" {PHYSICS_VERSION}; update it,"
+            " or remove the line to read the file with today's defaults"
+        )
+    tree = with_content("", with_members("", tree, path.parent), path.parent)
+    return _File(with_commands(tree, partial(beside, path.parent)), version, is_calibration)
+
+
+def _parsed(source: str) -> tuple[Path, Tree]:
+    """Return the path of a preset or a TOML file, and its tables."""
     known = presets()
     path = known.get(source, Path(source))
     if source not in known and path.suffix != ".toml":
@@ -211,17 +283,7 @@ def _read(source: str) -> tuple[Tree, int]:
         # Python's own sentence about integers of more than 4300 digits is for programmers.
         reason = "an integer has too many digits" if "set_int_max_str_digits" in str(error) else clean(error, 200)
         raise ExperimentError(f"{clean(path, 200)} is not valid TOML: {reason}") from None
-    # The table in which a calibration says what its flights covered.
-    tree.pop("envelope", None)
-    version = tree.pop("physics", PHYSICS_VERSION)
-    if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
-        raise ExperimentError(
-            f"{clean(path, 200)} has physics = {reprlib.repr(version)}: this heli_twin knows the versions 1 to"
-            f" {PHYSICS_VERSION}; update it,"
-            " or remove the line to read the file with today's defaults"
-        )
-    tree = with_content("", with_members("", tree, path.parent), path.parent)
-    return with_commands(tree, partial(beside, path.parent)), version
+    return path, tree
 
 
 _NOT_TOML = (ValueError, RecursionError)
@@ -283,7 +345,7 @@ def part_in(file: str, path: str) -> Tree:
     Raises:
         ExperimentError: The file cannot be read, or has no such table.
     """
-    tree, version = _read(file)
+    tree, version, _ = _read(file)
     table: Any = tree
     for key in path.split("."):
         table = table.get(key) if isinstance(table, dict) else None
