@@ -25,5 +25,5 @@ def covered(flights: Sequence[Flight]) -> Envelope:
         height=(float(np.nanmin(y[..., 2])), float(np.nanmax(y[..., 2]))),
         stick_low=(a, b, c, d),
         stick_high=(e, f, g, h),
-        duration=max(flight.steps * STEP_S for flight in flights),
+        duration=max(float(flight.sent.t[-1] - flight.sent.t[0]) for flight in flights),
     )

@@ -1,13 +1,16 @@
 """`heli-twin fly`: fly one experiment, print what happened, leave a log."""
 
 import json
+import sys
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar, say
+from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
+    from heli_twin.experiment.envelope import Envelope
     from heli_twin.mission import Result
 
 
@@ -52,10 +55,12 @@ def run(parsed: Namespace) -> int:
 
     It is 3 when the run is invalid.
     """
+    from heli_twin.experiment.envelope import envelope_in
     from heli_twin.experiment.text import load
     from heli_twin.mission import fly
 
-    experiment = load(*experiment_arguments(parsed))
+    source, overrides = experiment_arguments(parsed)
+    experiment, envelope = load(source, overrides), envelope_in(source)
     with progress_bar() as bar:
         task = bar.add_task("flying, s", total=experiment.duration)
         result = fly(
@@ -65,12 +70,27 @@ def run(parsed: Namespace) -> int:
             progress=lambda t: bar.update(task, completed=t),
             embed_source=parsed.embed_source,
         )
+    if envelope and source:
+        warn_outside(source, envelope, result)
     summary = result.summary()
     if parsed.json:
         print(json.dumps(summary, indent=2, allow_nan=False))
     else:
         show(summary)
     return exit_code(result)
+
+
+def warn_outside(source: str, envelope: "Envelope", result: "Result") -> None:
+    """Say where a flight left what the calibration covered that it was flown on."""
+    from heli_twin.metrics.reach import flown_reach
+
+    left = envelope.left_by(flown_reach(result.log))
+    if left:
+        print(
+            f"heli-twin: {clean(source, 200)} is a guess for this flight, which left what its flights covered:"
+            f" {'; '.join(left)}",
+            file=sys.stderr,
+        )
 
 
 INVALID_RUN = 3

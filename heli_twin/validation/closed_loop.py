@@ -70,7 +70,12 @@ def as_flown(log: Experiment, twin: Experiment, push: Array | None) -> Experimen
 
 
 def closed_loop(
-    flown: Array, experiments: Sequence[Experiment], flights: int, progress: Callable[[], None]
+    flown: Array,
+    experiments: Sequence[Experiment],
+    flights: int,
+    *,
+    processes: int | None = None,
+    progress: Callable[[], None] = lambda: None,
 ) -> list[dict[str, Loop] | str]:
     """Fly twins with the same chance, and compare their distance from the plan with the log's.
 
@@ -78,6 +83,7 @@ def closed_loop(
         flown: (4,) of `tracking_rms`.
         experiments: One of each twin.
         flights: Of each twin.
+        processes: How many; None for one a core.
         progress: Called after every flight.
 
     Returns:
@@ -85,7 +91,7 @@ def closed_loop(
     """
     each = [replace(e, seed=FIRST_SEED + i) for e in experiments for i in range(flights)]
     rows: list[Array | str] = []
-    with fleet() as run:
+    with fleet(processes) as run:
         for row in run(_rms_of, each):
             rows.append(row)
             progress()

@@ -30,8 +30,6 @@ HORIZON_BINS = 100
 """Bins that are predicted: 2 s."""
 CUT = Cut(steps=(HISTORY_BINS + HORIZON_BINS) * BIN_STEPS, every=1000)
 """A prediction begins every second."""
-START_STEPS = 2
-"""Gauss-Newton steps to the state at the begin of the history: it is nearly linear."""
 HELD = 0.1 * FIXED
 """Spread of the prior of a parameter that is held."""
 
@@ -68,8 +66,8 @@ def held_fit(flight: Flight, twin: Twin) -> Fit:
     """
     problem = Problem([flight], twin.lab, twin.theta, np.full(len(twin.theta), HELD))
     begin = State(twin.theta.copy(), np.zeros((1, N_LOG)), problem.start.copy(), twin.eta.copy(), (None,))
-    blind = fit(problem, begin, limit=2)
-    return fit(problem, framed(problem, blind), limit=4)
+    blind = fit(problem, begin, limit=1)
+    return fit(problem, framed(problem, blind), limit=3)
 
 
 def forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
@@ -89,11 +87,10 @@ def _forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
     state = State(twin.theta, held.state.nuisance, problem.start.copy(), twin.eta, held.state.framed)
     predicted, _, by_start = problem.linearise(state)
     windows = list(_windows(problem, twin, by_start))
-    for _ in range(START_STEPS):
-        residual = problem.residual(predicted)
-        steps = [window.start(r) for window, r in zip(windows, residual, strict=True)]
-        state = state._replace(start=state.start + np.stack(steps))
-        predicted = problem.predict(state)
+    # The start is nearly linear in the poses: one step to it here, and the rest in the mean.
+    residual = problem.residual(predicted)
+    steps = [window.start(r) for window, r in zip(windows, residual, strict=True)]
+    predicted = problem.predict(state._replace(start=state.start + np.stack(steps)))
     residual = problem.residual(predicted)
     mean = np.stack([window.future(r) for window, r in zip(windows, residual, strict=True)])
     ahead, seen = slice(HISTORY_BINS, None), problem.present[..., None]

@@ -10,10 +10,14 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.parameters import NAMES, Lab, lab_of, of_experiment, vector
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.text import table_in
+from heli_twin.experiment.tree import ExperimentError
 from heli_twin.lab.disturbances.gust import Gust
+from heli_twin.terminal_text import clean
 
-JITTERS = {"attitude_jitter": 0.2, "height_jitter": 0.02, "yaw_jitter": 0.5}
-"""Small accelerations that stand for the timing of single commands, where no calibration says them: rad/s^2, m/s^2."""
+JITTERS = {"attitude_jitter": 1.0, "height_jitter": 0.05, "yaw_jitter": 1.1}
+"""Small accelerations that stand for the timing of single commands, where no calibration says them: rad/s^2, m/s^2,
+rad/s^2. Calibrations of twins in `lab_simple` and `lab` find 0.5 to 1.7, 0.05 and 0.9 to 1.3."""
 
 
 class Twin(NamedTuple):
@@ -40,6 +44,27 @@ def twin_of(name: str, experiment: Experiment, expected: Mapping[str, float]) ->
     theta = vector(np.array([believed[parameter] for parameter in NAMES]))
     eta = np.log([max(expected[component], 1e-9) for component in noise.COMPONENTS])
     return Twin(name, experiment, theta, np.asarray(eta, np.float64), lab_of(experiment))
+
+
+def noise_in(source: str | None, experiment: Experiment) -> dict[str, float]:
+    """Return noise and gusts as a calibration says them, else as its experiment has them.
+
+    Args:
+        source: The file of the experiment, or a preset.
+        experiment: It, with all changes.
+
+    Raises:
+        ExperimentError: The file's table `noise` is none; the message names the entry.
+    """
+    known = expected_noise(experiment)
+    for name, value in (table_in(source, "noise") if source else {}).items():
+        path = f"{clean(source, 200)}: noise.{clean(name, 40)}"
+        if name not in known:
+            raise ExperimentError(f"{path} is unknown. Available: {', '.join(known)}")
+        if type(value) not in (int, float) or not 0.0 < value < np.inf:
+            raise ExperimentError(f"{path} = {clean(value, 40)}: write a standard deviation above 0")
+        known[name] = float(value)
+    return known
 
 
 def expected_noise(experiment: Experiment) -> dict[str, float]:

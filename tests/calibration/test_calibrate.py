@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from heli_twin.calibration.calibrate import EFFECTS, calibrate, flights_of
+from heli_twin.calibration.coverage import covered
 from heli_twin.calibration.output import as_toml, draws, ensemble, posterior, twin_of
 from heli_twin.calibration.parameters import NAMES, of_experiment
+from heli_twin.experiment.envelope import envelope_in
 from heli_twin.experiment.text import load
+from heli_twin.metrics.reach import planned_reach
 from heli_twin.mission import fly
 from heli_twin.studies.plan import plan_of
 from heli_twin.studies.study import load_study
@@ -79,6 +82,40 @@ def test_the_file_flies_and_keeps_truth_and_belief_apart(calibrated, tmp_path):
     assert experiment.plant.mass == 0.030
     assert experiment.controller.model.b_z == pytest.approx(wanted["thrust_per_mass"], rel=1e-5)
     assert fly(experiment, log_dir=None).outcome.kind == "completed"
+
+
+def test_a_law_of_any_kind_believes_what_was_calibrated(calibrated, tmp_path):
+    path, hidden = tmp_path / "calibration.toml", load("lab_simple", [*HIDDEN, "duration=8"])
+    path.write_text(as_toml(calibrated))
+    detailed = ["controller=detailed_mpc", "estimator=detailed_kalman"]
+
+    def error(believed):
+        flown = fly(replace(hidden, controller=believed.controller, estimator=believed.estimator), log_dir=None)
+        return flown.summary()["rmse"]
+
+    believed, true = load(str(path), detailed), of_experiment(hidden)
+    model = believed.controller.model
+    assert model.b_z == pytest.approx(true["thrust_per_mass"], rel=0.02)
+    assert model.roll_frequency == pytest.approx(true["attitude_frequency"] * true["iyy_per_ixx"] ** 0.5, rel=0.1)
+    assert model.thrust_lag == pytest.approx(true["thrust_lag"], rel=0.1)
+    assert model.gust_strength == pytest.approx(0.25, rel=0.3)
+    assert believed.estimator.command_delay == pytest.approx(true["delay"], abs=0.002)
+    right, wrong = error(believed), error(load("lab_simple", detailed))
+    assert right["x"] < 0.8 * wrong["x"]
+    assert right["yaw"] < 0.8 * wrong["yaw"]
+    # The paper's laws take the paper's parameters.
+    for kind in ("ltv_mpc", "pid"):
+        assert load(str(path), [f"controller={kind}"]).controller.model.b_z == model.b_z
+    assert load(str(path), ["controller=pid", "controller.model.b_z=17"]).controller.model.b_z == 17
+
+
+def test_the_envelope_is_read_back_and_left(calibrated, tmp_path):
+    path = tmp_path / "calibration.toml"
+    path.write_text(as_toml(calibrated))
+    envelope = envelope_in(str(path))
+    assert envelope.left_by(covered(calibrated.fit.problem.flights)) == []
+    fast = planned_reach(load(str(path), ["trajectory=circle", "trajectory.radius=1", "trajectory.period=2"]))
+    assert any("speed up to" in phrase for phrase in envelope.left_by(fast))
 
 
 def test_the_ensemble_is_a_study_of_what_the_flights_leave_open(calibrated, tmp_path):
