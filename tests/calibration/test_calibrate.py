@@ -85,7 +85,7 @@ def test_the_file_flies_and_keeps_truth_and_belief_apart(calibrated, tmp_path):
 
 
 def test_a_law_of_any_kind_believes_what_was_calibrated(calibrated, tmp_path):
-    path, hidden = tmp_path / "calibration.toml", load("lab_simple", [*HIDDEN, "duration=8"])
+    path, hidden = tmp_path / "calibration.toml", load("lab_simple", [*HIDDEN, "duration=8", "trajectory=lemniscate"])
     path.write_text(as_toml(calibrated))
     detailed = ["controller=detailed_mpc", "estimator=detailed_kalman"]
 
@@ -101,8 +101,9 @@ def test_a_law_of_any_kind_believes_what_was_calibrated(calibrated, tmp_path):
     assert model.gust_strength == pytest.approx(0.25, rel=0.3)
     assert believed.estimator.command_delay == pytest.approx(true["delay"], abs=0.002)
     right, wrong = error(believed), error(load("lab_simple", detailed))
-    assert right["x"] < 0.8 * wrong["x"]
-    assert right["yaw"] < 0.8 * wrong["yaw"]
+    # The filter finds pushes and trims by itself; a wrong gain of the yaw shows where the heading turns fast.
+    assert right["yaw"] < 0.5 * wrong["yaw"]
+    assert right["x"] + right["y"] < wrong["x"] + wrong["y"]
     # The paper's laws take the paper's parameters.
     for kind in ("ltv_mpc", "pid"):
         assert load(str(path), [f"controller={kind}"]).controller.model.b_z == model.b_z
@@ -114,7 +115,7 @@ def test_the_envelope_is_read_back_and_left(calibrated, tmp_path):
     path.write_text(as_toml(calibrated))
     envelope = envelope_in(str(path))
     assert envelope.left_by(covered(calibrated.fit.problem.flights)) == []
-    fast = planned_reach(load(str(path), ["trajectory=circle", "trajectory.radius=1", "trajectory.period=2"]))
+    fast = planned_reach(load(str(path), ["trajectory=circle", "trajectory.radius=1", "trajectory.rate=3"]))
     assert any("speed up to" in phrase for phrase in envelope.left_by(fast))
 
 
