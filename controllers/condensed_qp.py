@@ -6,11 +6,11 @@ Minimise 1/2 du'H du + g'du subject to u_low <= du <= u_high and v_low <= C du <
 the predicted velocities. The measured state is not bounded: noise alone could make that infeasible.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from controllers.ltv import Ltv, Subsystem
+from controllers.ltv import Subsystem
 from controllers.signals import Array
 
 
@@ -60,8 +60,81 @@ class Limits(NamedTuple):
     """(m,) limits on the magnitude of the velocity that each input drives: vx vy vz (m/s) or yaw rate (rad/s)."""
 
 
+class Off(NamedTuple):
+    """How far the nominal flight is from the reference."""
+
+    x: Array
+    """(N + 1, n) nominal states minus reference states."""
+    u: Array
+    """(N, 4) nominal inputs minus reference inputs."""
+
+
+class Responses(Protocol):
+    """The predicted states of one subsystem as functions of its stacked inputs du (Nm,)."""
+
+    def condense(self, AB: Array, sqrt_Qf: Array) -> tuple[Array, Array]:
+        """Return H and the velocity rows C for [A_k B_k] (N, n, n + m) and the terminal weight's root (n, n)."""
+        ...
+
+    def gradient(self, off: Array, sqrt_Qf: Array) -> Array:
+        """Return the gradient (Nm,) of the states' cost for states 1 .. N that are `off` (N, n) from the reference."""
+        ...
+
+    def states(self, du: Array) -> Array:
+        """Return the change (N + 1, n) of the predicted states under changes du (N, m) of the inputs."""
+        ...
+
+
+class StepByStep:
+    """The response of any linear model, by its recursion.
+
+    Args:
+        steps: N.
+        subsystem: Whose states and inputs they are.
+        w: Its weights in (26).
+    """
+
+    def __init__(self, steps: int, subsystem: Subsystem, w: Weights) -> None:
+        n, m = len(subsystem.states), len(subsystem.inputs)
+        self._steps, self._velocities = steps, subsystem.own_velocities
+        self._R = np.tile(w.R, steps)
+        # Derivatives with respect to all inputs: of state k, and below them of input k itself, which are constant.
+        derivatives = np.zeros((steps + 1, n + m, m * steps))
+        derivatives[:-1, n:] = np.eye(m * steps).reshape(steps, m, m * steps)
+        self._G = G = derivatives[:, :n]
+        self._recursion = list(zip(derivatives[:-1], G[1:], strict=True))
+        # States without a weight have no rows in S, but for the last one.
+        weighted = np.flatnonzero(w.sqrt_Q)
+        self._weighted = slice(0, n) if len(weighted) == n else weighted
+        self._root_Q, rows = w.sqrt_Q[weighted], (steps - 1) * len(weighted)
+        self._S, self._error = np.empty((rows + n, m * steps)), np.empty(rows + n)
+        self._stages = self._S[:rows].reshape(steps - 1, len(weighted), m * steps)
+        self._stage_errors = self._error[:rows].reshape(steps - 1, len(weighted))
+
+    def condense(self, AB: Array, sqrt_Qf: Array) -> tuple[Array, Array]:
+        """Compute G and S = [sqrt_Q G; sqrt_Qf G_N]; return H = S'S + R and the velocity rows of G."""
+        G, S, n = self._G, self._S, len(sqrt_Qf)
+        for AB_k, (before, after) in zip(AB, self._recursion, strict=True):
+            np.dot(AB_k, before, out=after)
+        np.multiply(G[1:-1, self._weighted], self._root_Q[:, None], out=self._stages)
+        np.dot(sqrt_Qf, G[-1], out=S[-n:])
+        H = S.T @ S
+        H.reshape(-1)[:: len(H) + 1] += self._R
+        return H, G[1:].take(self._velocities, axis=1).reshape(len(H), len(H))
+
+    def gradient(self, off: Array, sqrt_Qf: Array) -> Array:
+        """Return S'e for the weighted errors e of the nominal states."""
+        np.multiply(off[:-1, self._weighted], self._root_Q, out=self._stage_errors)
+        np.dot(sqrt_Qf, off[-1], out=self._error[-len(sqrt_Qf) :])
+        return self._error @ self._S
+
+    def states(self, du: Array) -> Array:
+        """Return the change (N + 1, n) of the predicted states under changes du (N, m) of the inputs."""
+        return self._G.dot(du.ravel())
+
+
 class Condenser:
-    """Builds the QPs of one subsystem, all of the same horizon.
+    """Builds the QPs of one subsystem, all of the same horizon and with the same weights of the stages.
 
     A subsystem with constant matrices gets the same H and C arrays in every QP.
 
@@ -69,66 +142,46 @@ class Condenser:
         steps: N, the number of control periods with an input.
         limits: Bounds on the inputs and predicted velocities of the whole model.
         subsystem: The states and inputs of the LTV model to condense.
+        w: The subsystem's weights in (26).
+        responses: How the predicted states follow the inputs; step by step if not given.
     """
 
-    def __init__(self, steps: int, limits: Limits, subsystem: Subsystem) -> None:
-        n, m = len(subsystem.states), len(subsystem.inputs)
-        self._steps, self._m, self._subsystem = steps, m, subsystem
+    def __init__(
+        self, steps: int, limits: Limits, subsystem: Subsystem, w: Weights, responses: Responses | None = None
+    ) -> None:
+        self._subsystem, self._w = subsystem, w
         self._u_min, self._u_max, self._v_max = (bound[subsystem.inputs] for bound in limits)
-        # Derivatives with respect to all inputs: of state k, and below them of input k itself, which are constant.
-        derivatives = np.zeros((steps + 1, n + m, m * steps))
-        derivatives[:-1, n:] = np.eye(m * steps).reshape(steps, m, m * steps)
-        self._G = G = derivatives[:, :n]
-        self._S = np.empty((steps, n, m * steps))
-        self._error = np.empty((steps, n))
-        self._recursion = list(zip(derivatives[:-1], G[1:], strict=True))
-        self._H: Array | None = None
-        self._C = np.empty((0, 0))
+        self._responses = responses or StepByStep(steps, subsystem, w)
+        self._condensed: tuple[Array, Array] | None = None
 
     def response(self, du: Array) -> Array:
         """Return the change (N + 1, n) of the predicted states under changes du (N, m) of the inputs.
 
         It is that of the LTV model condensed last.
         """
-        return self._G.dot(du.ravel())
+        return self._responses.states(du)
 
-    def __call__(self, ltv: Ltv, w: Weights, x_off: Array, u_off: Array) -> CondensedQp:
-        """Condense one horizon; all arguments but the weights are of the whole model.
+    def __call__(
+        self, AB: Array, x_nominal: Array, u_nominal: Array, off: Off, sqrt_Qf: Array | None = None
+    ) -> CondensedQp:
+        """Condense one horizon.
 
         Args:
-            ltv: N steps of the linear model.
-            w: The subsystem's weights in (26); with constant matrices, the weights must be constant too.
-            x_off: (N + 1, n) nominal states minus reference states.
-            u_off: (N, 4) nominal inputs minus reference inputs.
+            AB: (N, n, n + m) linear model of the subsystem.
+            x_nominal: (N + 1, nx) nominal states of the whole model.
+            u_nominal: (N, 4) nominal inputs of the whole model.
+            off: Nominal states and inputs of the whole model minus those of the reference.
+            sqrt_Qf: (n, n) root of this horizon's terminal weight if it differs; not with constant matrices.
         """
-        subsystem, H = self._subsystem, self._H
-        if H is None or not subsystem.constant:
-            H = self._condense(ltv, w)
-        off, error = x_off[1:].take(subsystem.states, axis=1), self._error
-        np.multiply(off[:-1], w.sqrt_Q, out=error[:-1])
-        np.dot(w.sqrt_Qf, off[-1], out=error[-1])
-        g = error.ravel().dot(self._S.reshape(-1, len(H)))
-        g += (w.R * u_off.take(subsystem.inputs, axis=1)).ravel()
-        v = ltv.x_nominal[1:].take(subsystem.velocities, axis=1)
-        u = ltv.u_nominal.take(subsystem.inputs, axis=1)
+        subsystem, root = self._subsystem, self._w.sqrt_Qf if sqrt_Qf is None else sqrt_Qf
+        if self._condensed is None or not subsystem.constant:
+            self._condensed = self._responses.condense(AB, root)
+        H, C = self._condensed
+        g = self._responses.gradient(off.x[1:].take(subsystem.states, axis=1), root)
+        g += (self._w.R * off.u[:, subsystem.input_columns]).ravel()
+        v, u = x_nominal[1:, subsystem.velocity_columns], u_nominal[:, subsystem.input_columns]
         low, high = -self._v_max - v, self._v_max - v
-        return CondensedQp(
-            H, g, self._C, low.ravel(), high.ravel(), (self._u_min - u).ravel(), (self._u_max - u).ravel()
-        )
-
-    def _condense(self, ltv: Ltv, w: Weights) -> Array:
-        """Compute G, S = [sqrt_Q G; sqrt_Qf G_N], the velocity rows C of G, and return H = S'S + R."""
-        n, G, S = self._steps, self._G, self._S
-        for AB, (before, after) in zip(self._subsystem.matrices(ltv), self._recursion, strict=True):
-            np.dot(AB, before, out=after)
-        np.multiply(G[1:n], w.sqrt_Q[:, None], out=S[:-1])
-        np.matmul(w.sqrt_Qf, G[n], out=S[-1])
-        stacked = S.reshape(-1, S.shape[2])
-        self._H = H = stacked.T @ stacked
-        diagonal = H.reshape(-1)[:: len(H) + 1].reshape(n, self._m)
-        diagonal += w.R
-        self._C = G[1:].take(self._subsystem.own_velocities, axis=1).reshape(len(H), len(H))
-        return H
+        return CondensedQp(H, g, C, low.ravel(), high.ravel(), (self._u_min - u).ravel(), (self._u_max - u).ravel())
 
 
 @np.errstate(all="ignore")

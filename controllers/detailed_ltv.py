@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.detailed_model import GUST, N_DETAILED, PUSH, TRIM, DetailedModel, U, step
-from controllers.ltv import N_INPUTS, Ltv, Subsystem
+from controllers.detailed_model import GUST, N_DETAILED, PUSH, TRIM, DetailedModel, Step, U, step
+from controllers.ltv import Ltv, Subsystem
 from controllers.model import GRAVITY
 from controllers.signals import Array
 
-PLANE = Subsystem((0, 1, 4, 5, *range(8, 14)), (0, 1), of=N_DETAILED)
+PLANE = Subsystem((0, 1, 4, 5, *range(8, 14)), (0, 1))
 """The horizontal motion: x y (world), vx vy (body), then tilt, jerk and servo of x and of y."""
-HEIGHT_AND_YAW = Subsystem((2, 3, 6, 7, 14, 15), (2, 3), constant=True, of=N_DETAILED)
+HEIGHT_AND_YAW = Subsystem((2, 3, 6, 7, 14, 15), (2, 3), constant=True)
 """Height and yaw, with thrust and torque."""
 _OF_AXIS = np.array([[0, 2, 4, 5, 6], [1, 3, 7, 8, 9]])
 """Position, velocity, tilt, jerk, servo of x and of y among the states of `PLANE`."""
@@ -35,6 +35,10 @@ class Disturbances(NamedTuple):
 class DetailedLinearisation:
     """The nominal trajectory of the detailed model and its linear model along it, over one horizon.
 
+    Each step of the plane is taken in the frame at its middle heading: velocities are turned into it by half of the
+    step's turn, and afterwards out of it by the other half. The matrices are thus sums of constant ones, times products
+    of two of 1, cos and sin of half the turn, cos and sin of the middle heading: one product of matrices gives them all.
+
     Args:
         model: Believed parameters.
         period: Control period, s.
@@ -44,37 +48,41 @@ class DetailedLinearisation:
     def __init__(self, model: DetailedModel, period: float, steps: int) -> None:
         solution = step(model, period)
         self._n = steps
-        self._plane, self._plane_input = np.zeros((10, 10)), np.zeros((10, 2))
-        self._disturbed = np.zeros((10, 6))
+        in_frame, disturbed = np.zeros((10, 12)), np.zeros((10, 6))
         for axis, (own, rows) in enumerate(zip(_OF_AXIS, solution.plane, strict=True)):
-            self._plane[np.ix_(own, own)] = rows[:5, :5]
-            self._plane_input[own, axis] = rows[:5, U]
-            self._disturbed[np.ix_(own, [axis, 2 + axis, 4 + axis])] = rows[:5, [GUST, TRIM, PUSH]]
-        self.gust_response = self._disturbed[:, :2]
+            in_frame[np.ix_(own, own)] = rows[:5, :5]
+            in_frame[own, 10 + axis] = rows[:5, U]
+            disturbed[np.ix_(own, [axis, 2 + axis, 4 + axis])] = rows[:5, [GUST, TRIM, PUSH]]
+        self.gust_response = disturbed[:, :2]
         """(10, 2) change of the plane's states in one step by the gust at its start."""
         self.gust_decay = float(solution.plane[0, GUST, GUST])
         self._decay = self.gust_decay ** np.arange(steps)[:, None]
-        self._A, self._B = np.zeros((steps, N_DETAILED, N_DETAILED)), np.zeros((steps, N_DETAILED, N_INPUTS))
-        self._z, self._yaw = (self._chain(rows, k) for rows, k in ((solution.z, 2), (solution.yaw, 3)))
+        self._turned = _turned(in_frame).reshape(_N_TURNS**2, -1)
+        of_gust, of_trim, of_push = (_turned(disturbed[:, i : i + 2], by) for i, by in ((0, True), (2, False), (4, True)))
+        self._fading = of_gust.reshape(-1, 2)
+        self._lasting = np.concatenate([of_trim, of_push], axis=-1).reshape(-1, 4)
+        self._turns = np.ones((steps, _N_TURNS))
+        self._height_and_yaw = np.zeros((steps, 6, 8))
+        self._chains = self._chained(solution)
 
-    def _chain(self, rows: Array, k: int) -> Array:
-        """Enter height (k = 2) or yaw (k = 3) into the linear model.
+    def _chained(self, solution: Step) -> Array:
+        """Enter height and yaw into the linear model.
 
         Returns:
-            (3 N, 4 + N) states after each step, from the first state, the push and the inputs.
+            (6 N, 8 + 2 N) states of `HEIGHT_AND_YAW` after each step, from the first ones, the pushes and the inputs.
         """
-        own = np.array([k, k + 4, k + 12])
-        self._A[:, own[:, None], own] = rows[:, :3]
-        self._B[:, own, k] = rows[:, 4]
-        after = np.zeros((3, 4 + self._n))
-        after[:, :3] = np.eye(3)
-        chain: list[Array] = []
-        for i in range(self._n):
-            after = rows[:, :3] @ after
-            after[:, 3] += rows[:, 3]
-            after[:, 4 + i] += rows[:, 4]
-            chain.append(after)
-        return np.concatenate(chain)
+        n, whole = self._n, np.zeros((6, 10))
+        for axis, rows in enumerate((solution.z, solution.yaw)):
+            own = np.array([axis, axis + 2, axis + 4])
+            whole[own[:, None], [*own, axis + 6, axis + 8]] = rows
+        self._height_and_yaw[...] = whole[:, [*range(6), 8, 9]]
+        after, chain = np.eye(6, 8 + 2 * n), np.empty((n, 6, 8 + 2 * n))
+        for i in range(n):
+            after = whole[:, :6] @ after
+            after[:, 6:8] += whole[:, 6:8]
+            after[:, 8 + 2 * i : 10 + 2 * i] += whole[:, 8:]
+            chain[i] = after
+        return chain.reshape(6 * n, -1)
 
     def __call__(self, x0: Array, u: Array, acting: Disturbances) -> Ltv:
         """Simulate the nominal inputs and linearise along the result.
@@ -86,46 +94,63 @@ class DetailedLinearisation:
         """
         n, x = self._n, np.empty((self._n + 1, N_DETAILED))
         x[0] = x0
-        for chain, k, push in ((self._z, 2, acting.push[2] - GRAVITY), (self._yaw, 3, acting.push[3])):
-            own = [k, k + 4, k + 12]
-            x[1:, own] = (chain @ np.concatenate([x0[own], [push], u[:, k]])).reshape(n, 3)
-        yaw = x[:, 3]
-        middle, half = _turns(0.5 * (yaw[1:] + yaw[:-1])), _turns(0.5 * (yaw[1:] - yaw[:-1]))
-        A, B, f = self._plane_steps(middle, half, u, acting)
-        x_plane = x0.take(PLANE.states)
-        rows = np.empty((n, 10))
-        for A_k, f_k, row in zip(A, f, rows, strict=True):
-            np.dot(A_k, x_plane, out=row)
-            row += f_k
-            x_plane = row
-        x[1:, PLANE.states] = rows
-        whole_A, whole_B = self._A.copy(), self._B.copy()
-        whole_A[:, PLANE.states[:, None], PLANE.states] = A
-        whole_B[:, PLANE.states[:, None], PLANE.inputs] = B
-        return Ltv(whole_A, whole_B, x, u)
+        pushes = (acting.push[2] - GRAVITY, acting.push[3])
+        forced = self._chains @ np.concatenate([x0[HEIGHT_AND_YAW.states], pushes, u[:, 2:].ravel()])
+        x[1:, HEIGHT_AND_YAW.states] = forced.reshape(n, 6)
+        AB, offsets = self._plane(x[:, 3], acting)
+        row = np.concatenate([x0[PLANE.states], u[0, :2]])
+        rows = np.empty((n + 1, 12))
+        rows[0, :10] = x0[PLANE.states]
+        rows[:-1, 10:] = u[:, :2]
+        for AB_k, f_k, row, after in zip(AB, offsets, rows[:-1], rows[1:, :10], strict=True):
+            np.dot(AB_k, row, out=after)
+            after += f_k
+        x[1:, PLANE.states] = rows[1:, :10]
+        return Ltv((AB, self._height_and_yaw), x, u)
 
-    def _plane_steps(self, middle: Array, half: Array, u: Array, acting: Disturbances) -> tuple[Array, Array, Array]:
-        """Matrices A (N, 10, 10), B (N, 10, 2) and offsets (N, 10) of the horizontal motion along the headings.
-
-        Each step is taken in the frame at its middle heading: velocities are turned into it, and afterwards out of it.
-        """
-        n = self._n
-        AB = np.empty((n, 10, 13))
-        AB[..., :10], AB[..., 10:12] = self._plane, self._plane_input
-        in_frame = np.empty((n, 6))
-        in_frame[:, :2] = (middle @ acting.gust) * self._decay
-        in_frame[:, 2:4] = acting.trim
-        in_frame[:, 4:] = middle @ acting.push[:2]
-        AB[..., 12] = in_frame @ self._disturbed.T
-        AB[..., 2:4] = AB[..., 2:4] @ half
-        AB[:, 0:2, 2:] = middle.transpose(0, 2, 1) @ AB[:, 0:2, 2:]
-        AB[:, 2:4, 2:] = half @ AB[:, 2:4, 2:]
-        A, B = AB[..., :10], AB[..., 10:12]
-        offsets = AB[..., 12] + np.matmul(B, u[:, :2, None])[..., 0]
-        return A, B, offsets
+    def _plane(self, yaw: Array, acting: Disturbances) -> tuple[Array, Array]:
+        """Matrices [A B] (N, 10, 12) and offsets (N, 10) of the horizontal motion along the headings (N + 1,)."""
+        turns = self._turns
+        half, middle = 0.5 * (yaw[1:] - yaw[:-1]), 0.5 * (yaw[1:] + yaw[:-1])
+        np.cos(half, out=turns[:, 1])
+        np.sin(half, out=turns[:, 2])
+        np.cos(middle, out=turns[:, 3])
+        np.sin(middle, out=turns[:, 4])
+        products = (turns[:, :, None] * turns[:, None, :]).reshape(len(turns), -1)
+        AB = (products @ self._turned).reshape(-1, 10, 12)
+        lasting = self._lasting @ np.concatenate([acting.trim, acting.push[:2]])
+        fading = self._fading @ acting.gust
+        return AB, products @ lasting.reshape(-1, 10) + self._decay * (products @ fading.reshape(-1, 10))
 
 
-def _turns(angle: Array) -> Array:
-    """Rotations (n, 2, 2) of vectors into a frame that is turned by the angles (n,)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c, s, -s, c], axis=-1).reshape(-1, 2, 2)
+_N_TURNS = 5
+"""Number of factors that depend on the heading: 1, cos and sin of half the step's turn, and of the middle heading."""
+
+
+def _turned(in_frame: Array, world: bool = False) -> Array:
+    """Matrices that sum up to that of a step along a turning heading.
+
+    Args:
+        in_frame: (10, k) effect on the plane's states in the frame at the middle heading. If k = 12, of the states and
+            inputs; else of a vector in the plane,
+        world: which is given in the world frame.
+
+    Returns:
+        (5, 5, 10, k), each to be multiplied by the product of two factors; see `_N_TURNS`.
+    """
+    turn, k = np.array([[0.0, 1.0], [-1.0, 0.0]]), in_frame.shape[1]
+    out_of, into = np.zeros((_N_TURNS, 10, 10)), np.zeros((_N_TURNS, k, k))
+    out_of[0, range(4, 10), range(4, 10)] = 1.0
+    out_of[1, 2:4, 2:4], out_of[2, 2:4, 2:4] = np.eye(2), turn
+    out_of[3, 0:2, 0:2], out_of[4, 0:2, 0:2] = np.eye(2), turn.T
+    if k == 12:
+        into[0, range(4, 12), range(4, 12)] = 1.0
+        into[1, 2:4, 2:4], into[2, 2:4, 2:4] = np.eye(2), turn
+    elif world:
+        into[3], into[4] = np.eye(2), turn
+    else:
+        into[0] = np.eye(2)
+    sums = out_of[:, None] @ in_frame @ into
+    if k == 12:
+        sums[0, 0, 0:2, 0:2] = np.eye(2)
+    return sums

@@ -3,6 +3,8 @@
 The ten states are those of (1): the eight physical ones and the integral states x_int, y_int.
 """
 
+from itertools import chain
+from struct import pack
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,14 +20,12 @@ NO_PUSH: Push = (0.0, 0.0, 0.0, 0.0)
 
 
 class Ltv(NamedTuple):
-    """x_{k+1} = x_nominal_{k+1} + A_k (x_k - x_nominal_k) + B_k (u_k - u_nominal_k), (21)."""
+    """x_{k+1} = x_nominal_{k+1} + A_k (x_k - x_nominal_k) + B_k (u_k - u_nominal_k), (21), part by part."""
 
-    A: Array
-    """(N, n, n) discrete state matrices; the paper's model has n = 10 states."""
-    B: Array
-    """(N, n, 4) discrete input matrices."""
+    parts: tuple[Array, ...]
+    """[A_k B_k] (N, n, n + m) of each subsystem, whose n states and m inputs are those of its `Subsystem`."""
     x_nominal: Array
-    """(N + 1, n) nominal states (12)."""
+    """(N + 1, n) nominal states (12) of the whole model; the paper's has n = 10 states."""
     u_nominal: Array
     """(N, 4) nominal inputs (13)."""
 
@@ -35,34 +35,25 @@ class Subsystem:
 
     Args:
         states: Indices of the n states among those of the model.
-        inputs: Indices of the m inputs among the four.
+        inputs: Indices of the m inputs among the four, one after the other.
         constant: True if the matrices are the same along every nominal trajectory.
-        of: Number of states of the model.
     """
 
-    def __init__(
-        self, states: tuple[int, ...], inputs: tuple[int, ...], *, constant: bool = False, of: int = N_STATES
-    ) -> None:
+    def __init__(self, states: tuple[int, ...], inputs: tuple[int, ...], *, constant: bool = False) -> None:
         self.states, self.inputs, self.constant = np.array(states), np.array(inputs), constant
+        self.input_columns = slice(inputs[0], inputs[-1] + 1)
         self.velocities = 4 + self.inputs
         """(m,) indices, in the model, of the states that the inputs drive: vx vy vz (m/s) or yaw rate (rad/s)."""
+        self.velocity_columns = slice(4 + inputs[0], 5 + inputs[-1])
         self.own_velocities = np.searchsorted(self.states, self.velocities)
         """(m,) indices of the same states among the subsystem's own."""
-        self._A = (of * self.states[:, None] + self.states).ravel()
-        self._B = (N_INPUTS * self.states[:, None] + self.inputs).ravel()
-
-    def matrices(self, ltv: Ltv) -> Array:
-        """Return [A_k B_k] (N, n, n + m) of the subsystem: the rows and columns of its states and inputs."""
-        n, m, steps = len(self.states), len(self.inputs), len(ltv.A)
-        AB = np.empty((steps, n, n + m))
-        AB[..., :n] = ltv.A.reshape(steps, -1).take(self._A, axis=1).reshape(steps, n, n)
-        AB[..., n:] = ltv.B.reshape(steps, -1).take(self._B, axis=1).reshape(steps, n, m)
-        return AB
 
 
+WHOLE = Subsystem(tuple(range(N_STATES)), tuple(range(N_INPUTS)))
+"""The whole model of (1)."""
 SUBSYSTEMS: dict[Coupling, tuple[Subsystem, ...]] = {
     "removed": (Subsystem((0, 1, 4, 5, 8, 9), (0, 1)), Subsystem((2, 3, 6, 7), (2, 3), constant=True)),
-    "full": (Subsystem(tuple(range(N_STATES)), tuple(range(N_INPUTS))),),
+    "full": (WHOLE,),
 }
 """Subsystems that do not act on one another: (26) splits into one optimisation for each.
 
@@ -93,18 +84,38 @@ class Linearisation:
     ) -> None:
         self._period, self._coupling, self._discretisation = period, coupling, discretisation
         self._simulate, self._half_step = simulator(model, period), 0.5 * k_i * period
-        self._constant = A = np.zeros((N_STATES, N_STATES))
+        constant = np.zeros((N_STATES, N_STATES + N_INPUTS))
+        A, B = constant[:, :N_STATES], constant[:, N_STATES:]
         A[2, 6] = A[3, 7] = 1.0
         A[4, 4], A[5, 5], A[7, 7] = model.k_x, model.k_y, model.k_yaw
         A[8, 0] = A[9, 1] = k_i
-        self._B = B = np.zeros((N_STATES, N_INPUTS))
         B[4, 0], B[5, 1], B[6, 2], B[7, 3] = model.b_x, model.b_y, model.b_z, model.b_yaw
+        self._constant = {
+            part: constant[np.ix_(part.states, [*part.states, *(N_STATES + part.inputs)])]
+            for part in (WHOLE, *SUBSYSTEMS[coupling])
+        }
+        """[A B] of (15) without what depends on heading and speed."""
+        self._held = {part: np.eye(*AB.shape) + period * AB for part, AB in self._constant.items()}
+        """The same of (17), by Euler's rule."""
+        self._own = SUBSYSTEMS[coupling]
+        self._kept: dict[int, Array] = {}
+        """The matrices of the constant part for each number of steps."""
 
     def __call__(self, x0: Array, u_nominal: Array, xy_ref: Array, push: Push = NO_PUSH) -> Ltv:
         """Return the LTV model along the nominal inputs from the newest state; arguments as in `rollout`."""
         x_nominal = self.rollout(x0, u_nominal, xy_ref, push)
-        A, B = self.discretise(*self.jacobians(x_nominal[:-1]))
-        return Ltv(A, B, x_nominal, u_nominal)
+        return Ltv(tuple(self._matrices(x_nominal[:-1], part) for part in self._own), x_nominal, u_nominal)
+
+    def _matrices(self, x: Array, part: Subsystem) -> Array:
+        """[A B] of a part, discrete, at the states x (N, 10)."""
+        if part.constant:
+            kept = self._kept.get(len(x))
+            if kept is None:
+                kept = self._kept[len(x)] = self.discretise(self.jacobians(x, part))
+            return kept
+        if self._discretisation == "euler":
+            return self._filled(x, part, self._held[part], self._period)
+        return self.discretise(self.jacobians(x, part))
 
     def rollout(self, x0: Array, u_nominal: Array, xy_ref: Array, push: Push = NO_PUSH) -> Array:
         """Simulate the nonlinear model under the nominal inputs, (10)-(13).
@@ -123,56 +134,56 @@ class Linearisation:
         px, py, pz, yaw, vx, vy, vz, r, *_ = x0.tolist()
         out = np.empty((len(u_nominal) + 1, N_STATES))
         out[0] = x0
-        out[1:, :8] = self._simulate((px, py, pz, yaw, vx, vy, vz, r), u_nominal.tolist(), push)
+        states = self._simulate((px, py, pz, yaw, vx, vy, vz, r), u_nominal.tolist(), push)
+        # Packed: NumPy takes four times as long to read Python floats.
+        out[1:, :8] = np.frombuffer(pack(f"{8 * len(states)}d", *chain.from_iterable(states))).reshape(-1, 8)
         area = (out[:, :2] - xy_ref) * self._half_step
         integral = out[:, 8:]
         np.add(area[1:], area[:-1], out=integral[1:])
         np.add.accumulate(integral, axis=0, out=integral)
         return out
 
-    def jacobians(self, x: Array) -> tuple[Array, Array]:
-        """Return the continuous-time Jacobians of (1) at the states x (n, 10), (15).
+    def jacobians(self, x: Array, part: Subsystem = WHOLE) -> Array:
+        """Return the continuous-time Jacobians [A B] (k, n, n + m) of (1) for a part at the states x (k, 10), (15)."""
+        return self._filled(x, part, self._constant[part], 1.0)
 
-        Returns:
-            A (n, 10, 10) and B (10, 4), which is the same at every state.
-        """
-        A = np.empty((len(x), N_STATES, N_STATES))
-        A[...] = self._constant
-        yaw = x[:, 3]
-        c, s = np.cos(yaw), np.sin(yaw)
-        A[:, 0, 4] = A[:, 1, 5] = c
-        A[:, 0, 5] = -s
-        A[:, 1, 4] = s
-        if self._coupling == "full":
-            vx, vy, r = x[:, 4], x[:, 5], x[:, 7]
-            A[:, 0, 3] = -s * vx - c * vy
-            A[:, 1, 3] = c * vx - s * vy
-            A[:, 4, 5], A[:, 4, 7] = r, vy
-            A[:, 5, 4], A[:, 5, 7] = -r, -vx
-        return A, self._B
+    def _filled(self, x: Array, part: Subsystem, constant: Array, dt: float) -> Array:
+        """Matrices [A B] (k, n, n + m): a constant (n, n + m), and what depends on the states x (k, 10), times dt."""
+        AB = np.empty((len(x), *constant.shape))
+        AB[...] = constant
+        if part.states[0] == 0:
+            vx, vy = part.own_velocities[:2].tolist()
+            yaw = x[:, 3]
+            c, s = dt * np.cos(yaw), dt * np.sin(yaw)
+            AB[:, 0, vx] = AB[:, 1, vy] = c
+            AB[:, 0, vy] = -s
+            AB[:, 1, vx] = s
+            if self._coupling == "full":
+                u, v, r = x[:, 4], x[:, 5], dt * x[:, 7]
+                AB[:, 0, 3] = -s * u - c * v
+                AB[:, 1, 3] = c * u - s * v
+                AB[:, 4, 5], AB[:, 4, 7] = r, dt * v
+                AB[:, 5, 4], AB[:, 5, 7] = -r, -dt * u
+        return AB
 
-    def discretise(self, A: Array, B: Array) -> tuple[Array, Array]:
+    def discretise(self, AB: Array) -> Array:
         """Return the discrete matrices (17) of continuous ones, with the input held over the period.
 
         Args:
-            A: (n, 10, 10) continuous state matrices.
-            B: (10, 4) continuous input matrix.
+            AB: (k, n, n + m) continuous [A B].
 
         Returns:
-            A (n, 10, 10) and B (n, 10, 4), discrete.
+            [A B] (k, n, n + m), discrete.
         """
-        step = self._period * A
+        n, step = AB.shape[1], self._period * AB
+        eye = np.eye(n, AB.shape[2])
         if self._discretisation == "euler":
-            held = np.empty((len(A), *B.shape))
-            held[...] = self._period * B
-            step += _EYE
-            return step, held
+            step += eye
+            return step
         # exp(M) and its integral by Horner's rule: at a 20 ms period the norm of M stays below 1 within the speed
         # limits, where 16 terms leave less than 1e-14.
-        integral = np.broadcast_to(_EYE, A.shape)
+        M, eye = step[..., :n], np.eye(n)
+        integral = np.broadcast_to(eye, M.shape)
         for term in range(16, 1, -1):
-            integral = _EYE + step @ integral / term
-        return _EYE + step @ integral, integral @ (self._period * B)
-
-
-_EYE = np.eye(N_STATES)
+            integral = eye + M @ integral / term
+        return np.concatenate([eye + M @ integral, integral @ step[..., n:]], axis=2)

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from controllers.condensed_qp import CondensedQp, Condenser, Limits, Weights
+from controllers.condensed_qp import CondensedQp, Condenser, Limits, Off, Responses, Weights
 from controllers.fallback import safe_hover
 from controllers.ltv import Ltv, Subsystem, shift
 from controllers.model import Model
@@ -40,16 +40,27 @@ class RecedingHorizon(ABC):
         subsystems: Parts of the linear model that do not act on one another.
         weights: Of the whole model.
         hover: The linear model in hover, for the sizes and the constant parts.
+        plane: What replaces the recursion of the first subsystem, if it has a closed form.
     """
 
     integral_states = 0
     """Number of states after the eight physical ones that a `Plan` counts among its own."""
 
-    def __init__(self, spec: RecedingSpec, subsystems: Sequence[Subsystem], weights: Weights, hover: Ltv) -> None:
+    def __init__(
+        self,
+        spec: RecedingSpec,
+        subsystems: Sequence[Subsystem],
+        weights: Weights,
+        hover: Ltv,
+        plane: Responses | None = None,
+    ) -> None:
         model = spec.model
         self._model, self._steps = model, spec.steps
         self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max))
-        self._problems = [_Problem(part, self._limits, weights, hover) for part in subsystems]
+        self._problems = [
+            _Problem(part, self._limits, weights, hover, plane if place == 0 else None)
+            for place, part in enumerate(subsystems)
+        ]
         self._solutions: list[Solution] = []
         self._state_order = np.argsort(np.concatenate([part.states for part in subsystems]))
         self._u_nominal: Array | None = None
@@ -106,9 +117,12 @@ class RecedingHorizon(ABC):
         """The nominal inputs (N, 4): the shifted last plan, at first the reference's inputs u_ref (N, 4)."""
         return np.clip(u_ref, self._limits.u_min, self._limits.u_max) if self._u_nominal is None else self._u_nominal
 
-    def condensed(self, ltv: Ltv, weights: Sequence[Weights], x_off: Array, u_off: Array) -> list[CondensedQp]:
-        """Condense (26), one QP for each subsystem; arguments as `Condenser` takes them, weights one a subsystem."""
-        return [p.condenser(ltv, w, x_off, u_off) for p, w in zip(self._problems, weights, strict=True)]
+    def condensed(self, ltv: Ltv, off: Off, sqrt_Qf: Sequence[Array | None]) -> list[CondensedQp]:
+        """Condense (26), one QP for each subsystem; arguments as `Condenser` takes them, roots one a subsystem."""
+        return [
+            problem.condenser(AB, ltv.x_nominal, ltv.u_nominal, off, root)
+            for problem, AB, root in zip(self._problems, ltv.parts, sqrt_Qf, strict=True)
+        ]
 
 
 def without_turns(x_off: Array) -> None:
@@ -122,12 +136,16 @@ def without_turns(x_off: Array) -> None:
 
 
 class _Problem:
-    """The optimisation (26) of one subsystem: its weights, condenser and solver."""
+    """The optimisation (26) of one subsystem: its condenser and solver."""
 
-    def __init__(self, subsystem: Subsystem, limits: Limits, weights: Weights, hover: Ltv) -> None:
+    def __init__(
+        self, subsystem: Subsystem, limits: Limits, weights: Weights, hover: Ltv, responses: Responses | None
+    ) -> None:
+        x, u = hover.x_nominal, hover.u_nominal
         self.subsystem, self.weights = subsystem, weights.of(subsystem)
-        self.condenser = Condenser(len(hover.A), limits, subsystem)
-        sample = self.condenser(hover, self.weights, np.zeros_like(hover.x_nominal), np.zeros_like(hover.u_nominal))
+        self.condenser = Condenser(len(u), limits, subsystem, self.weights, responses)
+        (AB,) = (part for part in hover.parts if part.shape[1] == len(subsystem.states))
+        sample = self.condenser(AB, x, u, Off(np.zeros_like(x), np.zeros_like(u)))
         self.solver = ProxQp(sample, len(subsystem.inputs))
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.condensed_qp import CondensedQp, Weights, riccati_terminal_weight, sqrt_weight
+from controllers.condensed_qp import CondensedQp, Off, Weights, riccati_terminal_weight, sqrt_weight
 from controllers.detailed_flatness import HIGHEST_DERIVATIVE, detailed_reference
 from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisation, Disturbances
 from controllers.detailed_model import ESTIMATED_STATES, EXTRA_STATES, N_DETAILED, DetailedModel
@@ -122,11 +122,9 @@ class DetailedMpcController(RecedingHorizon):
         of_gust = self._gust_target @ (turned @ (self._decay * gust))
         of_gust[:2] = of_gust[:2] @ turned
         x_off[-1, PLANE.states] += of_gust
-        plane, height_and_yaw = (problem.weights for problem in self._problems)
-        Qf = plane.sqrt_Qf.copy()
-        Qf[:, :2] = Qf[:, :2] @ turned
-        weights = (plane._replace(sqrt_Qf=Qf), height_and_yaw)
-        return ltv, self.condensed(ltv, weights, x_off, u_nominal - u_ref)
+        root = self._problems[0].weights.sqrt_Qf.copy()
+        root[:, :2] = root[:, :2] @ turned
+        return ltv, self.condensed(ltv, Off(x_off, u_nominal - u_ref), (root, None))
 
 
 @lru_cache(8)
@@ -144,7 +142,7 @@ def _terminal(spec: DetailedMpc) -> tuple[Array, Array]:
     weight[:10, :10] = np.diag(Q[PLANE.states])
     P = riccati_terminal_weight(A, B, weight, np.diag(spec.R[:2]))
     root[np.ix_(PLANE.states, PLANE.states)] = sqrt_weight(P[:10, :10])
-    AB, n = HEIGHT_AND_YAW.matrices(hover)[0], len(HEIGHT_AND_YAW.states)
+    AB, n = hover.parts[1][0], len(HEIGHT_AND_YAW.states)
     low = riccati_terminal_weight(AB[:, :n], AB[:, n:], np.diag(Q[HEIGHT_AND_YAW.states]), np.diag(spec.R[2:]))
     root[np.ix_(HEIGHT_AND_YAW.states, HEIGHT_AND_YAW.states)] = sqrt_weight(low)
     of_gust = np.asarray(np.linalg.solve(P[:10, :10], P[:10, 10:]), np.float64)
@@ -155,7 +153,7 @@ def _terminal(spec: DetailedMpc) -> tuple[Array, Array]:
 
 def _with_gust(hover: Ltv, linearise: DetailedLinearisation) -> tuple[Array, Array]:
     """The plane's matrices (12, 12) and (12, 2) at yaw = 0 with the gust x y as two more states."""
-    AB = PLANE.matrices(hover)[0]
+    AB = hover.parts[0][0]
     A, B = np.zeros((12, 12)), np.zeros((12, 2))
     A[:10, :10], B[:10] = AB[:, :10], AB[:, 10:]
     A[:10, 10:] = linearise.gust_response

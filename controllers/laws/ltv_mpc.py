@@ -7,9 +7,10 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.condensed_qp import CondensedQp, Weights, riccati_terminal_weight, sqrt_weight
+from controllers.condensed_qp import CondensedQp, Off, Weights, riccati_terminal_weight, sqrt_weight
 from controllers.ltv import NO_PUSH, SUBSYSTEMS, Coupling, Discretisation, Linearisation, Ltv
 from controllers.model import Model
+from controllers.planar import Planar
 from controllers.receding import RecedingHorizon, without_turns
 from controllers.rotations import rotate_to_body
 from controllers.signals import Array, Estimate, Reference
@@ -88,7 +89,10 @@ class LtvMpcController(RecedingHorizon):
             self._weights = self._weights._replace(sqrt_Qf=_sqrt_riccati_weight(spec))
         at_rest, u_hover = np.zeros((spec.steps + 1, len(Q))), np.tile(spec.model.u_hover, (spec.steps, 1))
         hover = self._linearise(at_rest[0], u_hover, at_rest[:, :2])
-        super().__init__(spec, SUBSYSTEMS[spec.coupling], self._weights, hover)
+        parts, plane = SUBSYSTEMS[spec.coupling], None
+        if spec.coupling == "removed" and spec.discretisation == "euler":
+            plane = Planar(hover.parts[0], self._weights.of(parts[0]))
+        super().__init__(spec, parts, self._weights, hover, plane)
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
         self._half_step = 0.5 * spec.k_i * spec.period
 
@@ -110,11 +114,11 @@ class LtvMpcController(RecedingHorizon):
         x_off, u_off = ltv.x_nominal.copy(), u_nominal - u_ref
         x_off[:, :8] -= reference.x
         without_turns(x_off)
-        weights = [problem.weights for problem in self._problems]
+        roots: list[Array | None] = [None] * len(self._problems)
         if spec.terminal == "riccati":
             at_heading = self._weights_at_heading(ltv.x_nominal[-1, 3])
-            weights = [at_heading.of(problem.subsystem) for problem in self._problems]
-        return ltv, self.condensed(ltv, weights, x_off, u_off)
+            roots = [at_heading.of(problem.subsystem).sqrt_Qf for problem in self._problems]
+        return ltv, self.condensed(ltv, Off(x_off, u_off), roots)
 
     def _weights_at_heading(self, yaw: Array) -> Weights:
         """The Riccati weight was computed for yaw = 0: rotate it to the yaw at the end of the horizon."""
@@ -131,10 +135,10 @@ def _sqrt_riccati_weight(spec: LtvMpc) -> Array:
     0. States that no weight sees, such as integral states with weight 0, have a terminal weight of 0.
     """
     model = Linearisation(spec.model, spec.k_i, spec.period, "removed", spec.discretisation)
-    A, B = model.discretise(*model.jacobians(np.zeros((1, len(spec.Q)))))
+    A, B = np.split(model.discretise(model.jacobians(np.zeros((1, len(spec.Q)))))[0], [len(spec.Q)], axis=1)
     Q = np.array(spec.Q)
     Q[8:] *= spec.k_i > 0.0
-    return sqrt_weight(riccati_terminal_weight(A[0], B[0], np.diag(Q), np.diag(spec.R)))
+    return sqrt_weight(riccati_terminal_weight(A, B, np.diag(Q), np.diag(spec.R)))
 
 
 _CANCELLED = {"z": np.array([0.0, 0.0, 1.0, 0.0]), "all": np.ones(4)}

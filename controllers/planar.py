@@ -1,0 +1,87 @@
+"""How the planned path of the paper's model follows the inputs, in closed form.
+
+With the coupling removed and Euler's rule, each body velocity answers its own input the same way along every nominal
+flight. Only the turn of the velocities into the world changes with the heading. Positions are sums of turned velocities
+and integral states are sums of positions, so that a few products of matrices replace the recursion over the horizon.
+"""
+
+import numpy as np
+
+from controllers.condensed_qp import Weights, sqrt_weight
+from controllers.signals import Array
+
+_X, _VX, _INTEGRAL = slice(0, 2), slice(2, 4), slice(4, 6)
+"""States of the horizontal motion: x y, vx vy, x_int y_int; the inputs come after them."""
+_U = slice(6, 8)
+
+
+class Planar:
+    """The response of the horizontal motion; see `controllers.condensed_qp.Responses`.
+
+    Args:
+        AB: (N, 6, 8) its linear model along any nominal flight, discretised with Euler's rule.
+        w: Its weights in (26).
+    """
+
+    def __init__(self, AB: Array, w: Weights) -> None:
+        n = len(AB)
+        decay, gain = AB[0, _VX, _VX].diagonal(), AB[0, _VX, _U].diagonal()
+        # Velocities (N + 1, 2) over inputs (N, 2).
+        V = np.zeros((n + 1, 2, n, 2))
+        for k in range(n):
+            V[k + 1] = decay[:, None, None] * V[k]
+            V[k + 1, [0, 1], k, [0, 1]] += gain
+        self._C = V[1:].reshape(2 * n, 2 * n)
+        self._V = V.reshape(2 * n + 2, 2 * n)
+        self._own = np.ascontiguousarray(np.stack([V[:-1, 0, :, 0], V[:-1, 1, :, 1]], axis=-1))
+        # Positions 1 .. N are sums of the displacements of each period, integral states are sums of positions.
+        position = np.tril(np.ones((n, n)))
+        integral = AB[0, 4, 0] * np.tril(np.ones((n, n)), -1) @ position
+        self._sums = np.concatenate([position, integral])
+        Q = w.sqrt_Q**2
+        self._roots = np.empty((2, n + 1, n))
+        self._pull = np.zeros((4, n, n - 1, 6))
+        for axis in (0, 1):
+            costs = [Q[axis + 4 * i] * sums[:-1].T @ sums[:-1] for i, sums in enumerate((position, integral))]
+            self._roots[axis] = [*sqrt_weight(costs[0] + costs[1])[:-1], position[-1], integral[-1]]
+            self._pull[axis, :, :, axis] = Q[axis] * position[:-1].T
+            self._pull[axis, :, :, 4 + axis] = Q[4 + axis] * integral[:-1].T
+        speeds = V[1:-1].reshape(n - 1, 2, 2 * n)
+        braked = (speeds * Q[_VX, None]).reshape(2 * n - 2, 2 * n)
+        self._constant = braked.T @ speeds.reshape(2 * n - 2, 2 * n) + np.diag(np.tile(w.R, n))
+        self._pull[2:].reshape(2 * n, n - 1, 6)[:, :, _VX] = braked.T.reshape(2 * n, n - 1, 2)
+        self._pulled = self._pull.reshape(4 * n, 6 * n - 6)
+        self._S, self._last = np.empty((2 * n + 4, 2 * n)), np.empty((6, 2 * n))
+        self._last[_VX] = V[-1].reshape(2, 2 * n)
+        self._moved = np.empty((2, n, n, 2))
+        """Displacement in x and y in each period over each input."""
+
+    def condense(self, AB: Array, sqrt_Qf: Array) -> tuple[Array, Array]:
+        """Return H and the velocity rows C, which never change."""
+        n, S = len(AB), self._S
+        np.multiply(AB[:, _X, None, _VX].swapaxes(0, 1), self._own, out=self._moved)
+        weighted = self._roots @ self._moved.reshape(2, n, 2 * n)
+        S[:-6].reshape(2, n - 1, 2 * n)[...] = weighted[:, :-2]
+        self._last[_X], self._last[_INTEGRAL] = weighted[:, -2], weighted[:, -1]
+        np.dot(sqrt_Qf, self._last, out=S[-6:])
+        H = S.T @ S
+        H += self._constant
+        return H, self._C
+
+    def gradient(self, off: Array, sqrt_Qf: Array) -> Array:
+        """Return the gradient (2N,) of the states' cost for states 1 .. N that are `off` (N, 6) from the reference."""
+        n = len(off)
+        pull = self._pulled @ off[:-1].ravel()
+        g = pull[: 2 * n] @ self._moved.reshape(2 * n, 2 * n)
+        g += pull[2 * n :]
+        g += (sqrt_Qf @ off[-1]) @ self._S[-6:]
+        return g
+
+    def states(self, du: Array) -> Array:
+        """Return the change (N + 1, 6) of the predicted states under changes du (N, 2) of the inputs."""
+        n, du = len(du), du.ravel()
+        x = np.zeros((n + 1, 6))
+        x[:, _VX] = (self._V @ du).reshape(-1, 2)
+        moved = self._sums @ (self._moved.reshape(2 * n, 2 * n) @ du).reshape(2, n).T
+        x[1:, _X], x[1:, _INTEGRAL] = moved[:n], moved[n:]
+        return x
