@@ -72,8 +72,8 @@ class Off(NamedTuple):
 class Responses(Protocol):
     """The predicted states of one subsystem as functions of its stacked inputs du (Nm,)."""
 
-    def condense(self, AB: Array, sqrt_Qf: Array) -> tuple[Array, Array]:
-        """Return H and the velocity rows C for [A_k B_k] (N, n, n + m) and the terminal weight's root (n, n)."""
+    def condense(self, x_nominal: Array, AB: Array | None, sqrt_Qf: Array) -> tuple[Array, Array]:
+        """Return H and the velocity rows C along a nominal flight; arguments as of `Condenser`."""
         ...
 
     def gradient(self, off: Array, sqrt_Qf: Array) -> Array:
@@ -103,16 +103,18 @@ class StepByStep:
         derivatives[:-1, n:] = np.eye(m * steps).reshape(steps, m, m * steps)
         self._G = G = derivatives[:, :n]
         self._recursion = list(zip(derivatives[:-1], G[1:], strict=True))
-        # States without a weight have no rows in S, but for the last one.
+        # States before the first and after the last one with a weight have rows in S for the last stage only.
         weighted = np.flatnonzero(w.sqrt_Q)
-        self._weighted = slice(0, n) if len(weighted) == n else weighted
-        self._root_Q, rows = w.sqrt_Q[weighted], (steps - 1) * len(weighted)
+        self._weighted = slice(weighted[0], weighted[-1] + 1) if weighted.size else slice(0)
+        self._root_Q = w.sqrt_Q[self._weighted]
+        rows = (steps - 1) * len(self._root_Q)
         self._S, self._error = np.empty((rows + n, m * steps)), np.empty(rows + n)
-        self._stages = self._S[:rows].reshape(steps - 1, len(weighted), m * steps)
-        self._stage_errors = self._error[:rows].reshape(steps - 1, len(weighted))
+        self._stages = self._S[:rows].reshape(steps - 1, len(self._root_Q), m * steps)
+        self._stage_errors = self._error[:rows].reshape(steps - 1, len(self._root_Q))
 
-    def condense(self, AB: Array, sqrt_Qf: Array) -> tuple[Array, Array]:
+    def condense(self, x_nominal: Array, AB: Array | None, sqrt_Qf: Array) -> tuple[Array, Array]:
         """Compute G and S = [sqrt_Q G; sqrt_Qf G_N]; return H = S'S + R and the velocity rows of G."""
+        assert AB is not None
         G, S, n = self._G, self._S, len(sqrt_Qf)
         for AB_k, (before, after) in zip(AB, self._recursion, strict=True):
             np.dot(AB_k, before, out=after)
@@ -150,9 +152,16 @@ class Condenser:
         self, steps: int, limits: Limits, subsystem: Subsystem, w: Weights, responses: Responses | None = None
     ) -> None:
         self._subsystem, self._w = subsystem, w
-        self._u_min, self._u_max, self._v_max = (bound[subsystem.inputs] for bound in limits)
+        u_min, u_max, v_max = (bound[subsystem.inputs] for bound in limits)
+        self._bounds, self._shape = np.array([[-v_max, v_max], [u_min, u_max]])[:, :, None], (steps, len(v_max))
         self._responses = responses or StepByStep(steps, subsystem, w)
-        self._condensed: tuple[Array, Array] | None = None
+        self._constant: tuple[Array, Array, Array] | None = None
+        """H and C of a constant subsystem, and its gradient for each error of the states."""
+
+    def _all(self, x_nominal: Array, AB: Array | None, root: Array, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
+        H, C = self._responses.condense(x_nominal, AB, root)
+        units = np.eye(shape[0] * shape[1]).reshape(-1, *shape)
+        return H, C, np.stack([self._responses.gradient(unit, root) for unit in units])
 
     def response(self, du: Array) -> Array:
         """Return the change (N + 1, n) of the predicted states under changes du (N, m) of the inputs.
@@ -162,26 +171,31 @@ class Condenser:
         return self._responses.states(du)
 
     def __call__(
-        self, AB: Array, x_nominal: Array, u_nominal: Array, off: Off, sqrt_Qf: Array | None = None
+        self, AB: Array | None, x_nominal: Array, u_nominal: Array, off: Off, sqrt_Qf: Array | None = None
     ) -> CondensedQp:
         """Condense one horizon.
 
         Args:
-            AB: (N, n, n + m) linear model of the subsystem.
+            AB: (N, n, n + m) linear model of the subsystem; not needed for responses in closed form.
             x_nominal: (N + 1, nx) nominal states of the whole model.
             u_nominal: (N, 4) nominal inputs of the whole model.
             off: Nominal states and inputs of the whole model minus those of the reference.
             sqrt_Qf: (n, n) root of this horizon's terminal weight if it differs; not with constant matrices.
         """
         subsystem, root = self._subsystem, self._w.sqrt_Qf if sqrt_Qf is None else sqrt_Qf
-        if self._condensed is None or not subsystem.constant:
-            self._condensed = self._responses.condense(AB, root)
-        H, C = self._condensed
-        g = self._responses.gradient(off.x[1:].take(subsystem.states, axis=1), root)
+        x_off = off.x[1:].take(subsystem.states, axis=1)
+        if not subsystem.constant:
+            H, C = self._responses.condense(x_nominal, AB, root)
+            g = self._responses.gradient(x_off, root)
+        else:
+            if self._constant is None:
+                self._constant = self._all(x_nominal, AB, root, x_off.shape)
+            H, C, gradients = self._constant
+            g = x_off.ravel() @ gradients
         g += (self._w.R * off.u[:, subsystem.input_columns]).ravel()
-        v, u = x_nominal[1:, subsystem.velocity_columns], u_nominal[:, subsystem.input_columns]
-        low, high = -self._v_max - v, self._v_max - v
-        return CondensedQp(H, g, C, low.ravel(), high.ravel(), (self._u_min - u).ravel(), (self._u_max - u).ravel())
+        nominal = np.empty((2, 1, *self._shape))
+        nominal[0, 0], nominal[1, 0] = x_nominal[1:, subsystem.velocity_columns], u_nominal[:, subsystem.input_columns]
+        return CondensedQp(H, g, C, *(self._bounds - nominal).reshape(4, -1))
 
 
 @np.errstate(all="ignore")

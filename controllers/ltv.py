@@ -3,6 +3,7 @@
 The ten states are those of (1): the eight physical ones and the integral states x_int, y_int.
 """
 
+from functools import lru_cache
 from itertools import chain
 from struct import pack
 from typing import Literal, NamedTuple
@@ -22,8 +23,9 @@ NO_PUSH: Push = (0.0, 0.0, 0.0, 0.0)
 class Ltv(NamedTuple):
     """x_{k+1} = x_nominal_{k+1} + A_k (x_k - x_nominal_k) + B_k (u_k - u_nominal_k), (21), part by part."""
 
-    parts: tuple[Array, ...]
-    """[A_k B_k] (N, n, n + m) of each subsystem, whose n states and m inputs are those of its `Subsystem`."""
+    parts: tuple[Array | None, ...]
+    """[A_k B_k] (N, n, n + m) of each subsystem, whose n states and m inputs are those of its `Subsystem`; None where
+    a closed form needs no matrices."""
     x_nominal: Array
     """(N + 1, n) nominal states (12) of the whole model; the paper's has n = 10 states."""
     u_nominal: Array
@@ -64,7 +66,9 @@ yaw, whose matrices never change. Their inputs, one subsystem after the other, a
 
 def shift(u: Array) -> Array:
     """Return the next nominal inputs (N, 4), (25): the last plan without its first input, the last input repeated."""
-    return np.concatenate([u[1:], u[-1:]])
+    shifted = np.empty_like(u)
+    shifted[:-1], shifted[-1] = u[1:], u[-1]
+    return shifted
 
 
 class Linearisation:
@@ -83,7 +87,7 @@ class Linearisation:
         self, model: Model, k_i: float, period: float, coupling: Coupling, discretisation: Discretisation
     ) -> None:
         self._period, self._coupling, self._discretisation = period, coupling, discretisation
-        self._simulate, self._half_step = simulator(model, period), 0.5 * k_i * period
+        self._simulate, self._k_i = simulator(model, period), k_i
         constant = np.zeros((N_STATES, N_STATES + N_INPUTS))
         A, B = constant[:, :N_STATES], constant[:, N_STATES:]
         A[2, 6] = A[3, 7] = 1.0
@@ -98,16 +102,17 @@ class Linearisation:
         self._held = {part: np.eye(*AB.shape) + period * AB for part, AB in self._constant.items()}
         """The same of (17), by Euler's rule."""
         self._own = SUBSYSTEMS[coupling]
+        self._trapezoids = lru_cache(4)(self._trapezoidal_rule)
         self._kept: dict[int, Array] = {}
         """The matrices of the constant part for each number of steps."""
 
     def __call__(self, x0: Array, u_nominal: Array, xy_ref: Array, push: Push = NO_PUSH) -> Ltv:
         """Return the LTV model along the nominal inputs from the newest state; arguments as in `rollout`."""
         x_nominal = self.rollout(x0, u_nominal, xy_ref, push)
-        return Ltv(tuple(self._matrices(x_nominal[:-1], part) for part in self._own), x_nominal, u_nominal)
+        return Ltv(tuple(self.matrices(x_nominal[:-1], part) for part in self._own), x_nominal, u_nominal)
 
-    def _matrices(self, x: Array, part: Subsystem) -> Array:
-        """[A B] of a part, discrete, at the states x (N, 10)."""
+    def matrices(self, x: Array, part: Subsystem) -> Array:
+        """Return [A B] (N, n, n + m) of a part, discrete, at the states x (N, 10)."""
         if part.constant:
             kept = self._kept.get(len(x))
             if kept is None:
@@ -137,11 +142,15 @@ class Linearisation:
         states = self._simulate((px, py, pz, yaw, vx, vy, vz, r), u_nominal.tolist(), push)
         # Packed: NumPy takes four times as long to read Python floats.
         out[1:, :8] = np.frombuffer(pack(f"{8 * len(states)}d", *chain.from_iterable(states))).reshape(-1, 8)
-        area = (out[:, :2] - xy_ref) * self._half_step
-        integral = out[:, 8:]
-        np.add(area[1:], area[:-1], out=integral[1:])
-        np.add.accumulate(integral, axis=0, out=integral)
+        np.add(self._trapezoids(len(states)).dot(out[:, :2] - xy_ref), x0[8:], out=out[1:, 8:])
         return out
+
+    def _trapezoidal_rule(self, steps: int) -> Array:
+        """(N, N + 1) integrals after each step over the errors of the positions."""
+        whole = np.tril(np.ones((steps, steps + 1)), 1)
+        whole[:, 0] = 0.5
+        whole[range(steps), range(1, steps + 1)] = 0.5
+        return self._k_i * self._period * whole
 
     def jacobians(self, x: Array, part: Subsystem = WHOLE) -> Array:
         """Return the continuous-time Jacobians [A B] (k, n, n + m) of (1) for a part at the states x (k, 10), (15)."""

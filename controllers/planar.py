@@ -19,7 +19,7 @@ class Planar:
     """The response of the horizontal motion; see `controllers.condensed_qp.Responses`.
 
     Args:
-        AB: (N, 6, 8) its linear model along any nominal flight, discretised with Euler's rule.
+        AB: (N, 6, 8) its linear model in level flight at yaw = 0, discretised with Euler's rule.
         w: Its weights in (26).
     """
 
@@ -33,7 +33,8 @@ class Planar:
             V[k + 1, [0, 1], k, [0, 1]] += gain
         self._C = V[1:].reshape(2 * n, 2 * n)
         self._V = V.reshape(2 * n + 2, 2 * n)
-        self._own = np.ascontiguousarray(np.stack([V[:-1, 0, :, 0], V[:-1, 1, :, 1]], axis=-1))
+        self._own = [AB[0, 0, 2] * V[:-1, axis, :, axis] for axis in (0, 1)]
+        """For vx and vy, the way ahead and to port in each period (N, N) over the own inputs."""
         # Positions 1 .. N are sums of the displacements of each period, integral states are sums of positions.
         position = np.tril(np.ones((n, n)))
         integral = AB[0, 4, 0] * np.tril(np.ones((n, n)), -1) @ position
@@ -54,13 +55,19 @@ class Planar:
         self._S, self._last = np.empty((2 * n + 4, 2 * n)), np.empty((6, 2 * n))
         self._last[_VX] = V[-1].reshape(2, 2 * n)
         self._moved = np.empty((2, n, n, 2))
-        """Displacement in x and y in each period over each input."""
+        """Displacement in x and y in each period over the inputs (N, 2)."""
 
-    def condense(self, AB: Array, sqrt_Qf: Array) -> tuple[Array, Array]:
+    def condense(self, x_nominal: Array, AB: Array | None, sqrt_Qf: Array) -> tuple[Array, Array]:
         """Return H and the velocity rows C, which never change."""
-        n, S = len(AB), self._S
-        np.multiply(AB[:, _X, None, _VX].swapaxes(0, 1), self._own, out=self._moved)
-        weighted = self._roots @ self._moved.reshape(2, n, 2 * n)
+        S, moved, (ahead, to_port) = self._S, self._moved, self._own
+        yaw = x_nominal[:-1, 3]
+        c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+        n = len(yaw)
+        np.multiply(c, ahead, out=moved[0, :, :, 0])
+        np.multiply(s, ahead, out=moved[1, :, :, 0])
+        np.multiply(-s, to_port, out=moved[0, :, :, 1])
+        np.multiply(c, to_port, out=moved[1, :, :, 1])
+        weighted = self._roots @ moved.reshape(2, n, 2 * n)
         S[:-6].reshape(2, n - 1, 2 * n)[...] = weighted[:, :-2]
         self._last[_X], self._last[_INTEGRAL] = weighted[:, -2], weighted[:, -1]
         np.dot(sqrt_Qf, self._last, out=S[-6:])

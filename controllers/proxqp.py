@@ -183,15 +183,17 @@ class _Solver:
         its iterations, which take up to seconds.
         """
         self.iterations = 0
-        is_new = qp.H is not self._H or qp.C is not self._C
-        if (is_new and not qp.H.diagonal().max() < self._largest) or not np.abs(qp.g).max() < self._largest:
+        H, g, C = qp.H, qp.g, qp.C
+        if not (np.abs(g).max() < self._largest and (H is self._H or H.diagonal().max() < self._largest)):
             return False
-        self._H, self._C = qp.H, qp.C
-        H, C = (self._scaled(qp.H), qp.C) if is_new else (None, None)
-        self._qp.update(H, self._scaled(qp.g), None, None, C, *qp[3:])
+        self._qp.update(
+            None if H is self._H else self._scaled(H), self._scaled(g), None, None, None if C is self._C else C, *qp[3:]
+        )
+        self._H, self._C = H, C
         self._qp.solve()
-        self.iterations, self.objective = self._info.iter, self._info.objValue / self._scale
-        return self._info.status == proxqp.PROXQP_SOLVED and isfinite(self.objective)
+        info = self._info
+        self.iterations, self.objective = info.iter, info.objValue / self._scale
+        return info.status == proxqp.PROXQP_SOLVED and isfinite(self.objective)
 
     def _scaled(self, cost: Array) -> Array:
         return cost if self._scale == 1.0 else self._scale * cost

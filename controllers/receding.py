@@ -58,7 +58,7 @@ class RecedingHorizon(ABC):
         self._model, self._steps = model, spec.steps
         self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max))
         self._problems = [
-            _Problem(part, self._limits, weights, hover, plane if place == 0 else None)
+            _Problem(part, self._limits, weights, hover, place, plane if place == 0 else None)
             for place, part in enumerate(subsystems)
         ]
         self._solutions: list[Solution] = []
@@ -85,10 +85,13 @@ class RecedingHorizon(ABC):
         solve_ns = sum(problem.solver.solve_ns for problem in self._problems)
         solved, u = [solution for solution in solutions if solution], ltv.u_nominal
         if len(solved) == len(solutions):
-            self._unsolved, steps = 0, self._steps
-            u = u + np.concatenate([solution.du.reshape(steps, -1) for solution in solved], axis=1)
+            self._unsolved, u = 0, u.copy()
+            for problem, solution in zip(self._problems, solved, strict=True):
+                of_part = u[:, problem.subsystem.input_columns]
+                of_part += solution.du.reshape(of_part.shape)
             # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
-            u = np.minimum(np.maximum(u, self._limits.u_min), self._limits.u_max)
+            np.maximum(u, self._limits.u_min, out=u)
+            np.minimum(u, self._limits.u_max, out=u)
         else:
             self._unsolved += 1
             if self._unsolved > self._steps:
@@ -139,12 +142,11 @@ class _Problem:
     """The optimisation (26) of one subsystem: its condenser and solver."""
 
     def __init__(
-        self, subsystem: Subsystem, limits: Limits, weights: Weights, hover: Ltv, responses: Responses | None
+        self, subsystem: Subsystem, limits: Limits, weights: Weights, hover: Ltv, place: int, responses: Responses | None
     ) -> None:
-        x, u = hover.x_nominal, hover.u_nominal
+        AB, x, u = hover.parts[place], hover.x_nominal, hover.u_nominal
         self.subsystem, self.weights = subsystem, weights.of(subsystem)
         self.condenser = Condenser(len(u), limits, subsystem, self.weights, responses)
-        (AB,) = (part for part in hover.parts if part.shape[1] == len(subsystem.states))
         sample = self.condenser(AB, x, u, Off(np.zeros_like(x), np.zeros_like(u)))
         self.solver = ProxQp(sample, len(subsystem.inputs))
 

@@ -90,7 +90,9 @@ class LtvMpcController(RecedingHorizon):
         at_rest, u_hover = np.zeros((spec.steps + 1, len(Q))), np.tile(spec.model.u_hover, (spec.steps, 1))
         hover = self._linearise(at_rest[0], u_hover, at_rest[:, :2])
         parts, plane = SUBSYSTEMS[spec.coupling], None
-        if spec.coupling == "removed" and spec.discretisation == "euler":
+        self._closed = spec.coupling == "removed" and spec.discretisation == "euler"
+        """Height and yaw are constant, and the plane has a closed form: no matrices are needed in flight."""
+        if self._closed and hover.parts[0] is not None:
             plane = Planar(hover.parts[0], self._weights.of(parts[0]))
         super().__init__(spec, parts, self._weights, hover, plane)
         self._integral, self._last_error = np.zeros(2), np.zeros(2)
@@ -110,7 +112,11 @@ class LtvMpcController(RecedingHorizon):
             ax, ay, az, a_yaw = cancelled.tolist()
             push, u_ref = (ax, ay, az, a_yaw), u_ref - _as_input(spec.model, cancelled, reference.x[:-1, 3])
         u_nominal = self.nominal(u_ref)
-        ltv = self._linearise(np.concatenate([estimate.x, self._integral]), u_nominal, reference.x[:, :2], push)
+        flight = np.concatenate([estimate.x, self._integral]), u_nominal, reference.x[:, :2], push
+        if self._closed:
+            ltv = Ltv(_NO_MATRICES, self._linearise.rollout(*flight), u_nominal)
+        else:
+            ltv = self._linearise(*flight)
         x_off, u_off = ltv.x_nominal.copy(), u_nominal - u_ref
         x_off[:, :8] -= reference.x
         without_turns(x_off)
@@ -141,6 +147,7 @@ def _sqrt_riccati_weight(spec: LtvMpc) -> Array:
     return sqrt_weight(riccati_terminal_weight(A, B, np.diag(Q), np.diag(spec.R)))
 
 
+_NO_MATRICES = (None, None)
 _CANCELLED = {"z": np.array([0.0, 0.0, 1.0, 0.0]), "all": np.ones(4)}
 """Factors on the estimated disturbances x y z yaw for each value of `offset_free`."""
 

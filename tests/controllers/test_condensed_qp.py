@@ -4,13 +4,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag, null_space, solve_discrete_are
 
-from controllers.condensed_qp import Condenser, Limits, Weights, riccati_terminal_weight
-from controllers.ltv import SUBSYSTEMS, Linearisation, Ltv
+from controllers.condensed_qp import Condenser, Limits, Off, Weights, riccati_terminal_weight
+from controllers.ltv import SUBSYSTEMS, WHOLE, Linearisation
 from controllers.model import Model
+from controllers.planar import Planar
+from whole_model import whole
 
 PERIOD, K_I = 0.02, 2.0
 MODEL = Model()
-(WHOLE,) = SUBSYSTEMS["full"]
 LIMITS = Limits(np.array(MODEL.u_min), np.array(MODEL.u_max), np.array(MODEL.v_max))
 seeds = st.integers(0, 2**32 - 1)
 horizons = st.integers(1, 12)
@@ -31,19 +32,21 @@ class Problem:
         root = rng.uniform(-1, 1, (10, 10))
         self.Q, self.R, self.Qf = np.diag(rng.uniform(0.1, 50, 10)), np.diag(rng.uniform(0.5, 5, 4)), 10 * root.T @ root
         self.weights = Weights(np.sqrt(np.diag(self.Q)), np.diag(self.R), np.sqrt(10) * root)
+        self.off = Off(self.ltv.x_nominal - self.x_ref, self.ltv.u_nominal - self.u_ref)
+        self.A, self.B = whole(self.ltv)
 
-    def condensed(self):
-        return Condenser(self.steps, LIMITS, WHOLE)(self.ltv, self.weights, *self.off)
+    def condenser(self, limits=LIMITS):
+        return Condenser(self.steps, limits, WHOLE, self.weights)
 
-    @property
-    def off(self):
-        return self.ltv.x_nominal - self.x_ref, self.ltv.u_nominal - self.u_ref
+    def condensed(self, condenser=None):
+        (AB,) = self.ltv.parts
+        return (condenser or self.condenser())(AB, self.ltv.x_nominal, self.ltv.u_nominal, self.off)
 
     def states(self, u):
         x = [self.ltv.x_nominal[0]]
         for k in range(self.steps):
             dx, du = x[k] - self.ltv.x_nominal[k], u[k] - self.ltv.u_nominal[k]
-            x.append(self.ltv.x_nominal[k + 1] + self.ltv.A[k] @ dx + self.ltv.B[k] @ du)
+            x.append(self.ltv.x_nominal[k + 1] + self.A[k] @ dx + self.B[k] @ du)
         return np.array(x)
 
     def cost(self, u):
@@ -59,12 +62,12 @@ class Problem:
         for k in range(n):
             rows = slice(10 * k, 10 * k + 10)
             E[rows, rows] = np.eye(10)
-            E[rows, 10 * n + 4 * k : 10 * n + 4 * k + 4] = -ltv.B[k]
-            e[rows] = ltv.x_nominal[k + 1] - ltv.A[k] @ ltv.x_nominal[k] - ltv.B[k] @ ltv.u_nominal[k]
+            E[rows, 10 * n + 4 * k : 10 * n + 4 * k + 4] = -self.B[k]
+            e[rows] = ltv.x_nominal[k + 1] - self.A[k] @ ltv.x_nominal[k] - self.B[k] @ ltv.u_nominal[k]
             if k:
-                E[rows, 10 * k - 10 : 10 * k] = -ltv.A[k]
+                E[rows, 10 * k - 10 : 10 * k] = -self.A[k]
             else:
-                e[rows] += ltv.A[0] @ ltv.x_nominal[0]
+                e[rows] += self.A[0] @ ltv.x_nominal[0]
         return E, e
 
     def sparse(self):
@@ -106,7 +109,7 @@ def test_with_active_bounds_the_minimiser_is_the_sparse_one(seed, minimiser):
     # Nearly as fast as is allowed, and turning slowly enough to be able to stay below that.
     problem = Problem(seed, steps := 4, speed=np.array([1.0, 1.0, 1.0, 0.02]))
     limits = LIMITS._replace(v_max=1.01 * np.abs(problem.ltv.x_nominal[0, 4:8]))
-    qp = Condenser(steps, limits, WHOLE)(problem.ltv, problem.weights, *problem.off)
+    qp = problem.condensed(problem.condenser(limits))
     (P, p), (E, e) = problem.sparse(), problem.dynamics()
     du = minimiser(
         qp.H,
@@ -152,9 +155,10 @@ def test_its_rows_are_the_predicted_velocities_within_their_limits(seed, steps):
 def test_a_measured_state_that_noise_has_put_over_its_limit_leaves_a_solution():
     x0 = np.array([0, 0, 1, 0, 3.03, 0, 0, 0, 0, 0])
     u = np.tile([-1.0, 0.0, MODEL.u_hover[2], 0.0], (5, 1))
-    ltv = Linearisation(MODEL, K_I, PERIOD, "removed", "euler")(x0, u, np.zeros((6, 2)))
+    ltv = Linearisation(MODEL, K_I, PERIOD, "full", "euler")(x0, u, np.zeros((6, 2)))
     ones = Weights(np.ones(10), np.ones(4), np.eye(10))
-    qp = Condenser(5, LIMITS, WHOLE)(ltv, ones, ltv.x_nominal, np.zeros((5, 4)))
+    off = Off(ltv.x_nominal, np.zeros((5, 4)))
+    qp = Condenser(5, LIMITS, WHOLE, ones)(ltv.parts[0], ltv.x_nominal, u, off)
     # Full brake takes 0.07 m/s off in the first period: no departure from it is needed.
     assert (qp.v_high >= 0.0).all()
     assert (qp.v_low <= 0.0).all()
@@ -163,8 +167,9 @@ def test_a_measured_state_that_noise_has_put_over_its_limit_leaves_a_solution():
 @given(seeds, horizons)
 @settings(max_examples=50)
 def test_the_response_is_the_linear_model(seed, steps):
-    problem, condenser = Problem(seed, steps), Condenser(steps, LIMITS, WHOLE)
-    condenser(problem.ltv, problem.weights, *problem.off)
+    problem = Problem(seed, steps)
+    condenser = problem.condenser()
+    problem.condensed(condenser)
     u = np.random.default_rng(seed).uniform(LIMITS.u_min, LIMITS.u_max, (steps, 4))
     # The same products in another order; yaw of up to 10 rad.
     departed = condenser.response(u - problem.ltv.u_nominal)
@@ -174,10 +179,11 @@ def test_the_response_is_the_linear_model(seed, steps):
 @given(st.lists(seeds, min_size=2, max_size=4), horizons)
 @settings(max_examples=30)
 def test_a_condenser_remembers_nothing(problem_seeds, steps):
-    used = Condenser(steps, LIMITS, WHOLE)
+    used = Problem(problem_seeds[0], steps).condenser()
     for seed in problem_seeds:
         problem = Problem(seed, steps)
-        qp = used(problem.ltv, problem.weights, *problem.off)
+        problem.weights = Problem(problem_seeds[0], steps).weights
+        qp = problem.condensed(used)
         for again, fresh in zip(qp, problem.condensed(), strict=True):
             np.testing.assert_array_equal(again, fresh)
 
@@ -185,16 +191,19 @@ def test_a_condenser_remembers_nothing(problem_seeds, steps):
 @given(st.tuples(seeds, seeds), horizons, st.sampled_from(["euler", "exact"]))
 @settings(max_examples=20)
 def test_a_constant_part_is_condensed_once_and_for_all(problem_seeds, steps, method):
-    plane, height_and_yaw = SUBSYSTEMS["removed"]
     linearise = Linearisation(MODEL, K_I, PERIOD, "removed", method)
+    all_weights = Weights(np.arange(1.0, 11.0), np.ones(4), np.eye(10))
     found = []
-    for subsystem in plane, height_and_yaw:
-        kept = Condenser(steps, LIMITS, subsystem)
+    for place, subsystem in enumerate(SUBSYSTEMS["removed"]):
+        weights = all_weights.of(subsystem)
+        kept = Condenser(steps, LIMITS, subsystem, weights)
         for seed in problem_seeds:
             problem, start = Problem(seed, steps), np.random.default_rng(seed).uniform(-1, 1, 10)
             ltv = linearise(start, problem.ltv.u_nominal, np.zeros((steps + 1, 2)))
-            weights = Weights(np.arange(1.0, 11.0), np.ones(4), np.eye(10)).of(subsystem)
-            again, fresh = (c(ltv, weights, *problem.off) for c in (kept, Condenser(steps, LIMITS, subsystem)))
+            again, fresh = (
+                c(ltv.parts[place], ltv.x_nominal, ltv.u_nominal, problem.off)
+                for c in (kept, Condenser(steps, LIMITS, subsystem, weights))
+            )
             for one, other in zip(again, fresh, strict=True):
                 np.testing.assert_array_equal(one, other)
             found.append(again)
@@ -217,8 +226,8 @@ def test_the_hessian_is_symmetric_and_convex(seed, steps):
 @pytest.mark.parametrize("method", ["euler", "exact"])
 def test_the_riccati_weight_is_the_cost_to_go(method):
     level = Linearisation(MODEL, K_I, PERIOD, "removed", method)
-    A, B = level.discretise(*level.jacobians(np.zeros((1, 10))))
-    A, B, Q, R = A[0], B[0], np.diag([50.0, 50, 5, 10, 3, 3, 1, 2, 15, 15]), 2 * np.eye(4)
+    A, B = np.split(level.discretise(level.jacobians(np.zeros((1, 10))))[0], [10], axis=1)
+    Q, R = np.diag([50.0, 50, 5, 10, 3, 3, 1, 2, 15, 15]), 2 * np.eye(4)
     P = riccati_terminal_weight(A, B, Q, R)
     # Both solvers lose some five digits of a cost-to-go that integrates over a hundred steps.
     np.testing.assert_allclose(P, solve_discrete_are(A, B, Q, R), rtol=0, atol=1e-9 * np.abs(P).max())
@@ -241,13 +250,36 @@ def test_what_no_input_can_stop_has_no_riccati_weight():
 
 def test_one_step_of_the_plainest_model_by_hand():
     """x+ = x + u in the first state: minimise 1/2 (x + u - 3)^2 * 4 + 1/2 u^2 * 2 from x = 1."""
-    A, B = np.eye(10)[None], np.zeros((1, 10, 4))
-    B[0, 0, 0] = 1.0
+    AB = np.eye(10, 14)[None]
+    AB[0, 0, 10] = 1.0
     x = np.zeros((2, 10))
     x[:, 0] = 1.0
     weights = Weights(np.zeros(10), np.full(4, 2.0), 2 * np.eye(10))
     off = x.copy()
     off[1, 0] -= 3.0
-    qp = Condenser(1, LIMITS, WHOLE)(Ltv(A, B, x, np.zeros((1, 4))), weights, off, np.zeros((1, 4)))
+    still = np.zeros((1, 4))
+    qp = Condenser(1, LIMITS, WHOLE, weights)(AB, x, still, Off(off, still))
     np.testing.assert_array_equal(qp.H, np.diag([6.0, 2.0, 2.0, 2.0]))
     np.testing.assert_array_equal(qp.g, [-8.0, 0.0, 0.0, 0.0])
+
+
+@given(seeds, horizons, st.lists(st.sampled_from([0.0, 1.0, 7.0]), min_size=6, max_size=6))
+@settings(max_examples=40)
+def test_the_closed_form_of_the_plane_is_its_recursion(seed, steps, roots):
+    plane, rng = SUBSYSTEMS["removed"][0], np.random.default_rng(seed)
+    linearise = Linearisation(MODEL, K_I, PERIOD, "removed", "euler")
+    weights = Weights(np.array(roots), np.array([0.5, 3.0]), rng.uniform(-1, 1, (6, 6)))
+    level = linearise(np.zeros(10), np.tile(MODEL.u_hover, (steps, 1)), np.zeros((steps + 1, 2))).parts[0]
+    closed = Condenser(steps, LIMITS, plane, weights, Planar(level, weights))
+    stepwise = Condenser(steps, LIMITS, plane, weights)
+    for _ in range(2):
+        problem = Problem(rng.integers(1 << 32), steps)
+        ltv = linearise(problem.ltv.x_nominal[0], problem.ltv.u_nominal, np.zeros((steps + 1, 2)))
+        root = rng.uniform(-1, 1, (6, 6))
+        one = closed(None, ltv.x_nominal, ltv.u_nominal, problem.off, root)
+        other = stepwise(ltv.parts[0], ltv.x_nominal, ltv.u_nominal, problem.off, root)
+        for a, b in zip(one, other, strict=True):
+            # The same sums in another order.
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * max(1.0, np.abs(b).max()))
+        du = rng.uniform(-1, 1, (steps, 2))
+        np.testing.assert_allclose(closed.response(du), stepwise.response(du), rtol=0, atol=1e-13)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.detailed_flatness import HIGHEST_DERIVATIVE, detailed_reference
-from controllers.detailed_ltv import PLANE, DetailedLinearisation, Disturbances
+from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisation, Disturbances
 from controllers.detailed_model import N_DETAILED, DetailedModel, exponential
 from controllers.model import GRAVITY, Model, simulator
 from controllers.signals import Array
@@ -14,6 +14,7 @@ from controllers.trajectories import Trajectory, derivatives
 from controllers.trajectories.circle import Circle
 from controllers.trajectories.ferris_wheel import FerrisWheel
 from controllers.trajectories.lemniscate import Lemniscate
+from whole_model import whole
 
 MODEL = DetailedModel(hub_drag=1.4, pitch_frequency=12.0)
 ACTING = Disturbances(np.array([0.1, -0.07]), np.array([0.03, -0.02]), np.array([0.1, -0.05, 0.2, 1.0]))
@@ -94,7 +95,7 @@ def test_without_turning_the_nominal_trajectory_is_exact() -> None:
 
 def test_the_jacobians_are_those_of_the_equations() -> None:
     x0, u = some_flight(1.0)
-    ltv = DetailedLinearisation(MODEL, 0.02, 1)(x0, u[:1], ACTING)
+    A, B = whole(DetailedLinearisation(MODEL, 0.02, 1)(x0, u[:1], ACTING), (PLANE, HEIGHT_AND_YAW))
     before = integrated(MODEL, x0, u[:1], ACTING)[1]
     for state in (*PLANE.states, 2, 3, 6, 7, 14, 15):
         ahead = x0.copy()
@@ -103,14 +104,14 @@ def test_the_jacobians_are_those_of_the_equations() -> None:
         if state in (3, 7, 15):
             # The coupling that the paper leaves out too: heading and yaw rate on the horizontal motion.
             slope[PLANE.states] = 0.0
-        np.testing.assert_allclose(ltv.A[0][:, state], slope, atol=2e-3, err_msg=str(state))
+        np.testing.assert_allclose(A[0][:, state], slope, atol=2e-3, err_msg=str(state))
     for k in range(4):
         more = u[:1].copy()
         more[0, k] += 1e-4
         slope = (integrated(MODEL, x0, more, ACTING)[1] - before) / 1e-4
         if k == 3:
             slope[PLANE.states] = 0.0
-        np.testing.assert_allclose(ltv.B[0][:, k], slope, atol=2e-3, err_msg=str(k))
+        np.testing.assert_allclose(B[0][:, k], slope, atol=2e-3, err_msg=str(k))
 
 
 def test_the_papers_model_is_its_limit() -> None:

@@ -5,8 +5,9 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import expm
 
-from controllers.ltv import SUBSYSTEMS, Linearisation, shift
+from controllers.ltv import SUBSYSTEMS, WHOLE, Linearisation, shift
 from controllers.model import Model, advance
+from whole_model import whole
 
 PERIOD, K_I, N = 0.02, 2.0, 19
 MODEL = Model()
@@ -53,34 +54,34 @@ def test_the_integral_states_are_trapezoids_of_the_error(seed):
 def test_exact_discretisation_is_the_matrix_exponential(seed, coupling, period):
     x = np.stack([flying(seed + i)[0] for i in range(3)])
     exact = along(coupling, "exact", period)
-    A, B = exact.jacobians(x)
-    A_exact, B_exact = exact.discretise(A, B)
+    AB = exact.jacobians(x)
+    found = exact.discretise(AB)
     for k in range(3):
-        held = expm(period * np.block([[A[k], B], [np.zeros((4, 14))]]))
+        held = expm(period * np.block([[AB[k]], [np.zeros((4, 14))]]))
         # Both are good to a few digits of entries of order 1.
-        np.testing.assert_allclose(A_exact[k], held[:10, :10], rtol=0, atol=1e-13)
-        np.testing.assert_allclose(np.broadcast_to(B_exact, (3, 10, 4))[k], held[:10, 10:], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(found[k], held[:10], rtol=0, atol=1e-13)
 
 
 def test_euler_is_the_first_order_of_exact():
-    A, B = along().jacobians(flying(3)[0][None])
-    A_euler, B_euler = along().discretise(A, B)
+    x = flying(3)[0][None]
+    AB = along().jacobians(x)
     # (17) to the letter: one product and one sum.
-    np.testing.assert_allclose(A_euler[0], np.eye(10) + PERIOD * A[0], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(B_euler[0], PERIOD * B, rtol=0, atol=1e-15)
+    for euler in along().discretise(AB), along().matrices(x, WHOLE):
+        np.testing.assert_allclose(euler[0], np.eye(10, 14) + PERIOD * AB[0], rtol=0, atol=1e-15)
     off = []
     for period in (1e-3, 0.5e-3):
         euler, exact = along(period=period), along(discretisation="exact", period=period)
-        pairs = zip(euler.discretise(A, B), exact.discretise(A, B), strict=True)
-        off.append([np.abs(one - other).max() for one, other in pairs])
+        difference = np.abs(euler.discretise(AB) - exact.discretise(AB))
+        off.append([difference[..., :10].max(), difference[..., 10:].max()])
     # What is left is of second order: a quarter at half the period, and 2 % of third order (25 rad/s times 1 ms).
     np.testing.assert_allclose(np.divide(*off), 4.0, rtol=0.03)
 
 
-def prediction(ltv, u):
+def prediction(ltv, u, coupling="full"):
+    A, B = whole(ltv, SUBSYSTEMS[coupling])
     x = [ltv.x_nominal[0]]
     for k in range(len(u)):
-        x.append(ltv.x_nominal[k + 1] + ltv.A[k] @ (x[k] - ltv.x_nominal[k]) + ltv.B[k] @ (u[k] - ltv.u_nominal[k]))
+        x.append(ltv.x_nominal[k + 1] + A[k] @ (x[k] - ltv.x_nominal[k]) + B[k] @ (u[k] - ltv.u_nominal[k]))
     return np.array(x)
 
 
@@ -90,7 +91,7 @@ def test_the_linear_model_passes_through_the_nominal_flight(seed, coupling, disc
     x0, u, xy_ref = flying(seed)
     ltv = along(coupling, discretisation)(x0, u, xy_ref)
     np.testing.assert_array_equal(ltv.x_nominal, along().rollout(x0, u, xy_ref))
-    np.testing.assert_array_equal(prediction(ltv, u), ltv.x_nominal)
+    np.testing.assert_array_equal(prediction(ltv, u, coupling), ltv.x_nominal)
 
 
 @given(seeds)
@@ -131,7 +132,7 @@ def test_along_any_flight_the_error_of_the_slope_shrinks_with_the_period(discret
 def test_removed_coupling_does_not_see_what_yaw_does_to_the_path():
     x0, u, xy_ref = flying(7)
     turned = u + np.array([0, 0, 0, 0.01])
-    removed, full = (prediction(along(coupling)(x0, u, xy_ref), turned) for coupling in ("removed", "full"))
+    removed, full = (prediction(along(coupling)(x0, u, xy_ref), turned, coupling) for coupling in ("removed", "full"))
     nominal = along().rollout(x0, u, xy_ref)
     plane, rest = [0, 1, 4, 5, 8, 9], [2, 3, 6, 7]
     np.testing.assert_array_equal(removed[:, plane], nominal[:, plane])
@@ -156,13 +157,15 @@ def test_the_shifted_plan_flies_the_rest_of_the_plan(seed, steps):
 @settings(max_examples=30)
 def test_no_part_acts_on_another(seed, coupling, method):
     x0, u, xy_ref = flying(seed)
-    ltv = along(coupling, method)(x0, u, xy_ref)
-    A, B = ltv.A.copy(), ltv.B.copy()
-    for subsystem in SUBSYSTEMS[coupling]:
-        own_A, own_B = np.split(subsystem.matrices(ltv), [len(subsystem.states)], axis=2)
-        np.testing.assert_array_equal(own_A, A[:, subsystem.states[:, None], subsystem.states])
-        np.testing.assert_array_equal(own_B, B[:, subsystem.states[:, None], subsystem.inputs])
-        assert not subsystem.constant or not (np.ptp(own_A, axis=0).any() or np.ptp(own_B, axis=0).any())
+    ltv, method_of = along(coupling, method)(x0, u, xy_ref), along(coupling, method)
+    A, B = np.split(method_of.discretise(method_of.jacobians(ltv.x_nominal[:-1])), [10], axis=2)
+    for subsystem, AB in zip(SUBSYSTEMS[coupling], ltv.parts, strict=True):
+        own_A, own_B = np.split(AB, [len(subsystem.states)], axis=2)
+        # The same sums, of products with fewer zeros.
+        close = {"rtol": 0, "atol": 1e-13 if method == "exact" else 1e-15}
+        np.testing.assert_allclose(own_A, A[:, subsystem.states[:, None], subsystem.states], **close)
+        np.testing.assert_allclose(own_B, B[:, subsystem.states[:, None], subsystem.inputs], **close)
+        assert not subsystem.constant or not np.ptp(AB, axis=0).any()
         np.testing.assert_array_equal(subsystem.states[subsystem.own_velocities], subsystem.velocities)
         A[:, subsystem.states[:, None], subsystem.states] = B[:, subsystem.states[:, None], subsystem.inputs] = 0.0
     # Nothing is left between the parts, to the last digit.

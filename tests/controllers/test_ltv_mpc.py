@@ -72,8 +72,8 @@ class Transcription:
             nominal.append(np.append(moved, nominal[k][8:] + 0.5 * PERIOD * spec.k_i * sum(off)))
         E, e = np.zeros((10 * n, 14 * n)), np.zeros(10 * n)
         for k in range(n):
-            A, B = Linearisation(MODEL, spec.k_i, PERIOD, spec.coupling, "euler").jacobians(nominal[k][None])
-            A, B = self.discrete(A[0], B, spec.discretisation)
+            AB = Linearisation(MODEL, spec.k_i, PERIOD, spec.coupling, "euler").jacobians(nominal[k][None])[0]
+            A, B = self.discrete(AB[:, :10], AB[:, 10:], spec.discretisation)
             # (22): what the linear model is off at the nominal point.
             d = nominal[k + 1] - A @ nominal[k] - B @ reference.u[k]
             rows = slice(10 * k, 10 * k + 10)
@@ -290,9 +290,9 @@ def test_the_riccati_weight_settles_from_afar_whatever_the_horizon(horizon):
 def test_integral_states_that_cost_nothing_are_left_out_of_the_riccati_weight(spec):
     spec = replace(spec, terminal="riccati")
     model = Linearisation(MODEL, spec.k_i, PERIOD, "removed", "euler")
-    A, B = model.discretise(*model.jacobians(np.zeros((1, 10))))
+    AB = model.discretise(model.jacobians(np.zeros((1, 10))))[0]
     P = np.zeros((10, 10))
-    P[:8, :8] = solve_discrete_are(A[0, :8, :8], B[0, :8], np.diag(spec.Q[:8]), np.diag(spec.R))
+    P[:8, :8] = solve_discrete_are(AB[:8, :8], AB[:8, 10:], np.diag(spec.Q[:8]), np.diag(spec.R))
     S = spec.start()._weights.sqrt_Qf
     # Both solvers keep twelve digits of the largest weight, 1e4.
     np.testing.assert_allclose(S.T @ S, P, rtol=0, atol=1e-6)
