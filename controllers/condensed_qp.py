@@ -158,7 +158,9 @@ class Condenser:
         self._constant: tuple[Array, Array, Array] | None = None
         """H and C of a constant subsystem, and its gradient for each error of the states."""
 
-    def _all(self, x_nominal: Array, AB: Array | None, root: Array, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
+    def _all(
+        self, x_nominal: Array, AB: Array | None, root: Array, shape: tuple[int, ...]
+    ) -> tuple[Array, Array, Array]:
         H, C = self._responses.condense(x_nominal, AB, root)
         units = np.eye(shape[0] * shape[1]).reshape(-1, *shape)
         return H, C, np.stack([self._responses.gradient(unit, root) for unit in units])

@@ -36,8 +36,8 @@ class DetailedLinearisation:
     """The nominal trajectory of the detailed model and its linear model along it, over one horizon.
 
     Each step of the plane is taken in the frame at its middle heading: velocities are turned into it by half of the
-    step's turn, and afterwards out of it by the other half. The matrices are thus sums of constant ones, times products
-    of two of 1, cos and sin of half the turn, cos and sin of the middle heading: one product of matrices gives them all.
+    step's turn, and afterwards out of it by the other half. The matrices are therefore sums of constant ones, each
+    times the product of two of these: 1, cos and sin of half the turn, cos and sin of the middle heading.
 
     Args:
         model: Believed parameters.
@@ -58,7 +58,9 @@ class DetailedLinearisation:
         self.gust_decay = float(solution.plane[0, GUST, GUST])
         self._decay = self.gust_decay ** np.arange(steps)[:, None]
         self._turned = _turned(in_frame).reshape(_N_TURNS**2, -1)
-        of_gust, of_trim, of_push = (_turned(disturbed[:, i : i + 2], by) for i, by in ((0, True), (2, False), (4, True)))
+        of_gust, of_trim, of_push = (
+            _turned(disturbed[:, i : i + 2], by) for i, by in ((0, True), (2, False), (4, True))
+        )
         self._fading = of_gust.reshape(-1, 2)
         self._lasting = np.concatenate([of_trim, of_push], axis=-1).reshape(-1, 4)
         self._turns = np.ones((steps, _N_TURNS))

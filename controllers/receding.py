@@ -142,7 +142,13 @@ class _Problem:
     """The optimisation (26) of one subsystem: its condenser and solver."""
 
     def __init__(
-        self, subsystem: Subsystem, limits: Limits, weights: Weights, hover: Ltv, place: int, responses: Responses | None
+        self,
+        subsystem: Subsystem,
+        limits: Limits,
+        weights: Weights,
+        hover: Ltv,
+        place: int,
+        responses: Responses | None,
     ) -> None:
         AB, x, u = hover.parts[place], hover.x_nominal, hover.u_nominal
         self.subsystem, self.weights = subsystem, weights.of(subsystem)

@@ -40,6 +40,7 @@ OTHER_NAMES = {
     "controllers/line_process.py": ["own/test_external_laws.py"],
     "controllers/programs.py": ["own/test_external_laws.py"],
     "controllers/receding.py": ["controllers/test_ltv_mpc.py", "controllers/test_detailed_flight.py"],
+    "controllers/planar.py": ["controllers/test_condensed_qp.py"],
     "controllers/detailed_ltv.py": ["controllers/test_detailed_model.py", "controllers/test_detailed_flight.py"],
     "controllers/detailed_flatness.py": ["controllers/test_detailed_model.py", "controllers/test_detailed_flight.py"],
     "controllers/laws/detailed_mpc.py": ["controllers/test_detailed_flight.py", "controllers/test_detailed_model.py"],

@@ -3,12 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag, null_space, solve_discrete_are
+from whole_model import whole
 
 from controllers.condensed_qp import Condenser, Limits, Off, Weights, riccati_terminal_weight
 from controllers.ltv import SUBSYSTEMS, WHOLE, Linearisation
 from controllers.model import Model
 from controllers.planar import Planar
-from whole_model import whole
 
 PERIOD, K_I = 0.02, 2.0
 MODEL = Model()

@@ -4,6 +4,7 @@ from math import cos, sin
 
 import numpy as np
 import pytest
+from whole_model import whole
 
 from controllers.detailed_flatness import HIGHEST_DERIVATIVE, detailed_reference
 from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisation, Disturbances
@@ -14,7 +15,6 @@ from controllers.trajectories import Trajectory, derivatives
 from controllers.trajectories.circle import Circle
 from controllers.trajectories.ferris_wheel import FerrisWheel
 from controllers.trajectories.lemniscate import Lemniscate
-from whole_model import whole
 
 MODEL = DetailedModel(hub_drag=1.4, pitch_frequency=12.0)
 ACTING = Disturbances(np.array([0.1, -0.07]), np.array([0.03, -0.02]), np.array([0.1, -0.05, 0.2, 1.0]))

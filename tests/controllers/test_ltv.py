@@ -4,10 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import expm
+from whole_model import whole
 
 from controllers.ltv import SUBSYSTEMS, WHOLE, Linearisation, shift
 from controllers.model import Model, advance
-from whole_model import whole
 
 PERIOD, K_I, N = 0.02, 2.0, 19
 MODEL = Model()
