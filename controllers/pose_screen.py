@@ -75,12 +75,12 @@ class PoseScreen:
         Returns:
             The verdict, and the innovation (4,) to use: without the half turn if the heading is flipped.
         """
-        step, time = innovation - self._last_innovation, stamp - self._last_stamp
+        last, time = self._last_innovation, stamp - self._last_stamp
         self._last_stamp, self._last_innovation = stamp, innovation
         if not self._outside(innovation, variance):
             self._refused_in_a_row, self._is_flipped = 0, False
             return "fuse", innovation
-        is_smooth = self._within_reach(step, time)
+        is_smooth = self._within_reach(innovation - last, time)
         turned = innovation.copy()
         turned[3] = wrap_angle(innovation[3] + pi)
         # The first pose may have been the wrong one.
@@ -103,7 +103,11 @@ class PoseScreen:
         return ("restart" if believed else "refuse"), innovation
 
     def _outside(self, innovation: Array, variance: Array) -> bool:
-        return bool((innovation * innovation > self._settings.gate * variance).any())
+        gate = self._settings.gate
+        for error, allowed in zip(innovation.tolist(), variance.tolist(), strict=True):
+            if error * error > gate * allowed:
+                return True
+        return False
 
     def _within_reach(self, moved: Array, time: int) -> bool:
         """Return whether a helicopter can stray so far from its prediction in a time (ns)."""

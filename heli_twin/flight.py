@@ -1,7 +1,8 @@
 """One flight: the experiment becomes a helicopter, a lab and a ground station, and time runs. Read this first."""
 
 from collections.abc import Callable
-from math import cos, radians
+from math import cos, isfinite, radians
+from operator import itemgetter
 from time import perf_counter_ns
 from typing import NamedTuple
 
@@ -100,34 +101,34 @@ class Flight:
 
     def _run(self) -> Outcome:
         t = control_due = air_due = 0
-        held, air = Held(-1, self.plant.truth().actuators), together([])
+        plant, mocap, radio, faults = self.plant, self.mocap, self.radio, self.faults
+        held, air = Held(-1, plant.truth().actuators), together([])
         self.recorder.acting(t, held.u, held.stamp)
         while True:
-            truth = self.plant.truth()
             if t >= air_due:
-                air = self.air(t, truth)
-                if battery := self.faults.battery(t, self.plant.battery()):
+                air = self.air(t, plant.truth())
+                if battery := faults.battery(t, plant.battery()):
                     self.recorder.battery(t, battery)
                     self.supervisor.battery(battery.voltage)
                 air_due += disturbances.PERIOD_NS
-            if t >= self.mocap.due:
-                self.look(t, truth)
+            if t >= mocap.due:
+                self.look(t, plant.truth())
             if t >= control_due or t == self.end:
-                outcome = self.judge(t, truth)
+                outcome = self.judge(t, plant.truth())
                 if outcome is not None:
                     return outcome
                 command = self.control(t)
                 latency = self.experiment.compute.latency_ns(self.compute_chance)
-                for at, sent in self.faults.commands(t, latency, command):
-                    self.radio.send(at, sent)
+                for at, sent in faults.commands(t, latency, command):
+                    radio.send(at, sent)
                 control_due += self.period
                 self.progress(1e-9 * t)
-            if t >= self.radio.due and (received := self.faults.received(t, self.radio.receive(t))):
+            if t >= radio.due and (received := faults.received(t, radio.receive(t))):
                 held = received
                 self.recorder.acting(t, held.u, held.stamp)
-            u = self.faults.input(t, held.u, truth, self.plant)
-            t = self.on_grid(min(control_due, air_due, self.mocap.due, self.radio.due, self.end))
-            self.plant.advance(t, u, air)
+            u = faults.input(t, held.u, plant)
+            t = self.on_grid(min(control_due, air_due, mocap.due, radio.due, self.end))
+            plant.advance(t, u, air)
 
     def air(self, t: int, truth: Truth) -> Air:
         """Return what the surroundings do until the next update."""
@@ -148,7 +149,7 @@ class Flight:
 
     def control(self, t: int) -> Command:
         """Run one step of the ground station: feed it the poses that have arrived and return its command."""
-        arrived = sorted((a for a in self.poses_under_way if a.at <= t), key=lambda a: a.at)
+        arrived = sorted([a for a in self.poses_under_way if a.at <= t], key=itemgetter(0))
         self.poses_under_way = [a for a in self.poses_under_way if a.at > t]
         for at, pose in arrived:
             self.recorder.pose(at, pose)
@@ -241,16 +242,14 @@ def verdict(t: int, truth: Truth, planned_height: float, volume: Volume) -> Outc
         volume: Where the flight may go.
     """
     seconds = 1e-9 * t
-    if not (
-        np.isfinite(truth.position).all() and np.isfinite(truth.quat_wxyz).all() and np.isfinite(truth.velocity).all()
-    ):
+    x, y, z = truth.position.tolist()
+    qw, qx, qy, qz = truth.quat_wxyz.tolist()
+    if not all(map(isfinite, (x, y, z, qw, qx, qy, qz, *truth.velocity.tolist()))):
         return Outcome("diverged", t, f"the simulated state became non-finite at {seconds:.2f} s")
     if truth.touching and planned_height > FLOOR_MARGIN_M:
         return Outcome("crashed", t, f"hit the floor at {seconds:.2f} s, {planned_height:.2f} m below its plan")
-    x, y, z = truth.position.tolist()
     if max(abs(x), abs(y)) > volume.half_width or z > volume.height:
         return Outcome("left_volume", t, f"left the volume at {seconds:.2f} s, at x {x:.2f}, y {y:.2f}, z {z:.2f} m")
-    _, qx, qy, _ = truth.quat_wxyz.tolist()
     if 1.0 - 2.0 * (qx * qx + qy * qy) < TIPPED_COS:
         where = "on the floor" if truth.touching else "in the air"
         return Outcome("crashed" if truth.touching else "diverged", t, f"tipped over {where} at {seconds:.2f} s")

@@ -75,6 +75,7 @@ def _versions() -> dict[str, str]:
     return versions
 
 
+@cache
 def _cpu() -> str:
     """The processor's name: last digits differ between vector instruction sets."""
     try:

@@ -14,7 +14,7 @@ from controllers.pose_screen import PoseScreen, ScreenSettings
 from controllers.rotations import wrap_angle
 from controllers.signals import Array, Estimate, Pose, nanoseconds
 
-FADE_AFTER_S = 0.1
+FADE_AFTER_NS = 100_000_000
 """Time without a fused pose after which the disturbance fades; no pose of a sound lab is as late."""
 
 
@@ -72,7 +72,7 @@ class KalmanFilter:
         self._spec = spec
         self._delay = nanoseconds(spec.command_delay)
         noise = np.array([spec.position_noise] * 3 + [spec.yaw_noise])
-        self._R = noise**2
+        self._R = (noise**2).tolist()
         stray = np.array([spec.stray_speed] * 3 + [spec.stray_yaw_rate])
         jump_time = nanoseconds(spec.jump_time)
         # Some millimetres are the cameras' error.
@@ -80,24 +80,20 @@ class KalmanFilter:
         self._screen = PoseScreen(
             ScreenSettings(spec.gate, spec.reset_after, spec.withstand_faults, jump_time, noise, stray)
         )
-        # [position, velocity, disturbance]' = rates [...] on each axis. Drag is taken along the world axes here: its
-        # share in the covariance of one frame is below 1 %.
-        self._rates = np.zeros((4, 3, 3))
-        self._rates[:, 0, 1] = self._rates[:, 1, 2] = 1.0
-        self._rates[:, 1, 1] = [model.k_x, model.k_y, 0.0, model.k_yaw]
-        self._curve = 0.5 * self._rates @ self._rates
-        self._walk = np.zeros((4, 3, 3))
-        self._walk[:, 1, 1] = np.array([spec.velocity_walk] * 3 + [spec.yaw_rate_walk]) ** 2
-        self._walk[:, 2, 2] = np.array([spec.disturbance_walk] * 3 + [spec.yaw_disturbance_walk]) ** 2
+        # Drag is taken along the world axes here: its share in the covariance of one frame is below 1 %.
+        place = (spec.velocity_walk**2, spec.disturbance_walk**2)
+        turn = (spec.yaw_rate_walk**2, spec.yaw_disturbance_walk**2)
+        self._axes = [(model.k_x, *place), (model.k_y, *place), (0.0, *place), (model.k_yaw, *turn)]
+        """Of each axis: damping, 1/s, and the growth of the variances of velocity and disturbance, per s."""
         # Cameras and commands keep time, so that the same few durations come back.
         self._simulator = lru_cache(64)(partial(simulator, model))
         self._transition = lru_cache(64)(self._transition_over)
         self._acting: deque[tuple[int, Input]] = deque([(-(1 << 62), model.u_hover)])
         self._x: State | None = None
         self._d = self._d_mean = (0.0, 0.0, 0.0, 0.0)
-        self._averaged = 0
+        self._mean_time, self._averaged = nanoseconds(spec.mean_time), 0
         """Time over which the mean disturbance is taken so far, ns."""
-        self._P = np.zeros((4, 3, 3))
+        self._P: list[Spread] = []
         self._stamp, self._age = -1, 0
         self._rejected = 0
         self.innovation: tuple[Array, Array] | None = None
@@ -147,31 +143,28 @@ class KalmanFilter:
         stamp = now + self._delay if self._spec.roll_forward else now
         until = stamp if self._spec.roll_forward else now - self._age
         x = self._predict(self._x, self._stamp, until)
-        P = self.covariance(until)
-        variance = np.diagonal(P, axis1=1, axis2=2).copy()
+        variance = np.array([(P[0], P[3], P[5]) for P in self._spread(until)])
         return Estimate(stamp, np.array(x), np.array(self._push(until)), variance, self._stamp, self._rejected)
 
     def covariance(self, until: int) -> Array:
         """Covariances (4, 3, 3) of position, velocity and disturbance of each axis x y z yaw at `until` (ns)."""
-        return self._spread(max(until - self._stamp, 0) * 1e-9)
+        return np.array(self._spread(until))[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(4, 3, 3)
 
     def _restart(self, stamp: int, x: State) -> None:
         self._x, self._stamp, self._d = x, stamp, (0.0, 0.0, 0.0, 0.0)
         self._screen.restart(stamp)
-        self._P = np.zeros((4, 3, 3))
-        self._P[:, 0, 0] = self._R
         # The motion is unknown: 1 m/s, 3 rad/s, and 0.3 m/s^2 or 3 rad/s^2 of disturbance, standard deviations.
-        self._P[:, 1, 1] = [1.0, 1.0, 1.0, 9.0]
-        self._P[:, 2, 2] = [0.09, 0.09, 0.09, 9.0]
+        motion = [(1.0, 0.09)] * 3 + [(9.0, 9.0)]
+        self._P = [(R, 0.0, 0.0, velocity, 0.0, push) for R, (velocity, push) in zip(self._R, motion, strict=True)]
 
     def _fuse(self, pose: Pose, measured: Input) -> None:
         assert self._x is not None
         stamp, since = pose.stamp, self._stamp
         x, d = self._predict(self._x, since, stamp), self._push(stamp)
-        P = self._spread((stamp - since) * 1e-9)
         yaw_error = wrap_angle(measured[3] - x[3])
         innovation = np.array([measured[0] - x[0], measured[1] - x[1], measured[2] - x[2], yaw_error])
-        S = P[:, 0, 0] + self._R
+        spread = self._spread(stamp)
+        S = np.array([P[0] + R for P, R in zip(spread, self._R, strict=True)])
         if self._screen.is_frozen(pose, innovation):
             self._rejected += 1
             return
@@ -183,9 +176,9 @@ class KalmanFilter:
                 # The predicted motion is still the best guess, but its covariance is not valid any more.
                 self._restart(stamp, _corrected(x, (*innovation.tolist(),), (0.0, 0.0, 0.0, 0.0)))
             return
-        K = P[:, :, 0] / S[:, None]
-        self._P = P - K[:, :, None] * P[:, None, 0, :]
-        (dx, dvx, dax), (dy, dvy, day), (dz, dvz, daz), (dyaw, dr, dar) = (K * innovation[:, None]).tolist()
+        fused = [*map(_fused, spread, S.tolist(), innovation.tolist())]
+        self._P = [P for P, _ in fused]
+        _, ((dx, dvx, dax), (dy, dvy, day), (dz, dvz, daz), (dyaw, dr, dar)) = zip(*fused, strict=True)
         self._x = _corrected(x, (dx, dy, dz, dyaw), (dvx, dvy, dvz, dr))
         self._d = (d[0] + dax, d[1] + day, d[2] + daz, d[3] + dar)
         self._average(stamp - since)
@@ -195,7 +188,7 @@ class KalmanFilter:
 
     def _average(self, time: int) -> None:
         """Take the disturbance of the last `time` ns into its mean."""
-        self._averaged = min(self._averaged + time, nanoseconds(self._spec.mean_time))
+        self._averaged = min(self._averaged + time, self._mean_time)
         share = min(time / self._averaged, 1.0)
         mx, my, mz, m_yaw = self._d_mean
         dx, dy, dz, d_yaw = self._d
@@ -208,20 +201,20 @@ class KalmanFilter:
 
     def _push(self, until: int) -> Push:
         """The disturbance that is expected at `until` (ns): in time without poses, the gust in it fades."""
-        unseen = 1e-9 * (until - self._stamp) - FADE_AFTER_S
-        if unseen <= 0.0 or not self._spec.withstand_faults:
+        unseen = until - self._stamp - FADE_AFTER_NS
+        if unseen <= 0 or not self._spec.withstand_faults:
             return self._d
-        keep = exp(-unseen / self._spec.gust_time)
+        keep = exp(-1e-9 * unseen / self._spec.gust_time)
         mx, my, mz, m_yaw = self._d_mean
         dx, dy, dz, d_yaw = self._d
         return (mx + keep * (dx - mx), my + keep * (dy - my), mz + keep * (dz - mz), m_yaw + keep * (d_yaw - m_yaw))
 
     def _predict(self, x: State, start: int, until: int) -> State:
         """Integrate the believed model from `start` to `until` (ns) under the commands that act in between."""
-        pieces = self._acting
-        for i, (since, u) in enumerate(pieces):
-            end = min(until, pieces[i + 1][0]) if i + 1 < len(pieces) else until
-            begin = max(start, since)
+        ends = [since for since, _ in self._acting]
+        ends[:-1], ends[-1] = ends[1:], until
+        for (since, u), end in zip(self._acting, ends, strict=True):
+            begin, end = max(start, since), min(until, end)
             if end > begin:
                 (moved,) = self._simulator((end - begin) * 1e-9)(x, (u,), self._push(begin))
                 x = self._on_the_floor(x, moved) if moved[2] < self._stands_below and moved[6] < 0.0 else moved
@@ -232,15 +225,43 @@ class KalmanFilter:
         height = x[2] if x[2] < self._stands_below else max(moved[2], self._spec.floor)
         return (x[0], x[1], height, x[3], 0.0, 0.0, 0.0, 0.0)
 
-    def _spread(self, dt: float) -> Array:
-        """The covariances (4, 3, 3) of [position, velocity, disturbance], predicted `dt` seconds ahead."""
-        F, FT, walked = self._transition(dt)
-        return F @ self._P @ FT + walked
+    def _spread(self, until: int) -> "list[Spread]":
+        """The covariances of each axis, predicted to `until` (ns)."""
+        return [*map(_predicted, self._P, self._transition(max(until - self._stamp, 0)))]
 
-    def _transition_over(self, dt: float) -> tuple[Array, Array, Array]:
-        """F (4, 3, 3) over `dt` seconds, its transposes, and the process noise (4, 3, 3) that they add."""
-        F = np.eye(3) + dt * self._rates + (dt * dt) * self._curve
-        return F, F.transpose(0, 2, 1), dt * self._walk
+    def _transition_over(self, time: int) -> "list[Transition]":
+        """How `time` ns change the covariance of each axis."""
+        dt, curve = 1e-9 * time, 0.5 * (1e-9 * time) ** 2
+        return [
+            (dt + curve * k, curve, 1.0 + dt * k + curve * k * k, dt + curve * k, dt * velocity_walk, dt * walk)
+            for k, velocity_walk, walk in self._axes
+        ]
+
+
+Spread = tuple[float, float, float, float, float, float]
+"""Covariance P of position, velocity and disturbance of one axis: p00 p01 p02 p11 p12 p22.
+
+On Python floats, since NumPy takes twice as long for matrices as small as these.
+"""
+Transition = tuple[float, float, float, float, float, float]
+"""a b c e of F = [[1, a, b], [0, c, e], [0, 0, 1]], and the variances that velocity and disturbance gain."""
+
+
+def _predicted(P: Spread, transition: Transition) -> Spread:
+    """F P F' + W."""
+    p00, p01, p02, p11, p12, p22 = P
+    a, b, c, e, velocity_walk, walk = transition
+    q01, q02, q12 = p01 + a * p11 + b * p12, p02 + a * p12 + b * p22, c * p12 + e * p22
+    q00, q11 = p00 + a * (p01 + q01) + b * (p02 + q02), c * (c * p11 + e * p12) + e * q12 + velocity_walk
+    return (q00, c * q01 + e * q02, q02, q11, q12, p22 + walk)
+
+
+def _fused(P: Spread, S: float, innovation: float) -> tuple[Spread, tuple[float, float, float]]:
+    """P after a position with an innovation of variance S, and the changes of position, velocity and disturbance."""
+    p00, p01, p02, p11, p12, p22 = P
+    k0, k1, k2 = p00 / S, p01 / S, p02 / S
+    left = (p00 - k0 * p00, p01 - k0 * p01, p02 - k0 * p02, p11 - k1 * p01, p12 - k1 * p02, p22 - k2 * p02)
+    return left, (k0 * innovation, k1 * innovation, k2 * innovation)
 
 
 def heading(quat_wxyz: Array) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from controllers.signals import Array
 
-BLOCK = 256
+BLOCK = 64
 """Instants in a block. The numbers are the same for every size: a generator gives one sequence however it is asked."""
 
 Chance = Callable[[int, str], np.random.Generator]

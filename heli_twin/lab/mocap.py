@@ -143,5 +143,6 @@ def rotated(quat_wxyz: Array, small_angle: Iterable[float]) -> Array:
     w, x, y, z = quat_wxyz.tolist()
     a, b, c = small_angle
     a, b, c = 0.5 * a, 0.5 * b, 0.5 * c
-    q = (w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a)
-    return np.array(q) / sqrt(1.0 + a * a + b * b + c * c)
+    n = 1.0 / sqrt(1.0 + a * a + b * b + c * c)
+    aw, ax = n * (w - x * a - y * b - z * c), n * (x + w * a + y * c - z * b)
+    return np.array((aw, ax, n * (y + w * b + z * a - x * c), n * (z + w * c + x * b - y * a)))

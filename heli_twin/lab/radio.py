@@ -74,7 +74,7 @@ class Dsm2Link:
     """The link of one flight; the phase of its frames is drawn once."""
 
     def __init__(self, spec: Dsm2, rng: np.random.Generator) -> None:
-        self._spec = spec
+        self._spec, self._half = spec, 0.5 * spec.levels
         self._period, self._latency = nanoseconds(spec.frame_period), nanoseconds(spec.latency)
         self._frame = int(rng.integers(self._period))
         self._waiting: list[tuple[int, Held]] = []
@@ -86,19 +86,19 @@ class Dsm2Link:
 
     def send(self, at: int, command: Command) -> None:
         """Queue a command for the first frame at or after `at`."""
-        half = 0.5 * self._spec.levels
+        half = self._half
         self._waiting.append((at, Held(command.stamp, np.rint(command.u * half) / half)))
 
     def receive(self, now: int) -> Held | None:
         """The newest command that a frame received until `now` carries."""
         held = None
         while self.due <= now:
-            ready = [i for i, (at, _) in enumerate(self._waiting) if at <= self._frame]
-            lost = next(self._losses)
-            if ready and not lost:
-                held = self._waiting[ready[-1]][1]
-                # Older commands are dropped too, ready or not: a late command must not replace a newer one.
-                del self._waiting[: ready[-1] + 1]
+            if not next(self._losses):
+                ready = [i for i, (at, _) in enumerate(self._waiting) if at <= self._frame]
+                if ready:
+                    held = self._waiting[ready[-1]][1]
+                    # Older commands are dropped too, ready or not: a late command must not replace a newer one.
+                    del self._waiting[: ready[-1] + 1]
             self._frame += self._period
             self.due = self._frame + self._latency
         if held:

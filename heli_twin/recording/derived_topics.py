@@ -48,7 +48,7 @@ class Viewers:
         Args:
             shape: Of the helicopter; empty for the mCX2.
         """
-        self._urdf = urdf(BODY, FRAME, shape)
+        self._urdf = urdf(BODY, FRAME, tuple(shape))
         self._tf_due = self._horizon_due = self._plot_due = 0
         self._truth = self._reference = b""
         self._transform = FrameTransform(parent_frame_id=FRAME, child_frame_id=BODY)

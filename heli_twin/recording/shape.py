@@ -3,7 +3,7 @@
 The URDF in every log and the Rerun scene are both made from these lists. Lengths in m.
 """
 
-from collections.abc import Sequence
+from functools import lru_cache
 from math import pi
 from xml.etree import ElementTree as ET
 
@@ -48,7 +48,8 @@ STABILISER = (
 """The bar above the upper rotor, which turns with it."""
 
 
-def urdf(name: str, root: str, parts: Sequence[Primitive] = ()) -> str:
+@lru_cache(maxsize=16)
+def urdf(name: str, root: str, parts: tuple[Primitive, ...] = ()) -> str:
     """A helicopter as a URDF whose one moving link is `name`, its parent `root`.
 
     Args:

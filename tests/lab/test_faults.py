@@ -53,11 +53,11 @@ def plant():
 
 def effects(spec, every=10, seed=0, until=6_000):
     """Everything that a fault does to one flight, as plain values by wire and ms."""
-    faults, truth, helicopter = Faults([spec.hooks(rng(seed))]), plant().truth(), plant()
+    faults, helicopter = Faults([spec.hooks(rng(seed))]), plant()
     for ms in range(0, until, every):
         seen = faults.pose(pose(ms, x=0.001 * ms))
         sent = faults.commands(ms * MS, 6 * MS, Command(ms * MS, U + 1e-6 * ms))
-        u = faults.input(ms * MS, U + 1e-6 * ms, truth, helicopter)
+        u = faults.input(ms * MS, U + 1e-6 * ms, helicopter)
         flat = None if seen is None else (seen.at, seen.pose.stamp, *seen.pose.position, *seen.pose.quat_wxyz)
         yield ms, flat, [(at, c.stamp, *c.u) for at, c in sent], tuple(u), helicopter.gyro_works
 
@@ -91,7 +91,7 @@ class TestEveryFault:
         faults = Faults([FAMILY[kind]().hooks(rng())])
         faults.pose(given_pose)
         faults.commands(5050 * MS, 0, command)
-        faults.input(5050 * MS, u, plant().truth(), plant())
+        faults.input(5050 * MS, u, plant())
         np.testing.assert_array_equal(
             [*given_pose.pose.position, *given_pose.pose.quat_wxyz], [0.1, 0.2, 1, 1, 0, 0, 0]
         )
@@ -113,7 +113,7 @@ class TestEveryFault:
         for ms in range(0, 5000, 10):
             seen = both.pose(pose(ms, x=0.001 * ms))
             sent = both.commands(ms * MS, 6 * MS, Command(ms * MS, U))
-            u = both.input(ms * MS, U, plant().truth(), helicopter)
+            u = both.input(ms * MS, U, helicopter)
             plain = pose(ms, x=0.001 * ms)
             calm = seen is not None and seen.at == plain.at and str(seen.pose) == str(plain.pose)
             calm &= [(at, c.stamp) for at, c in sent] == [((ms + 6) * MS, ms * MS)] and helicopter.gyro_works
@@ -265,8 +265,8 @@ def test_a_stall_keeps_commands_until_its_end():
 # --- servos, motors, gyro -------------------------------------------------------------------------------------------
 
 
-def acted(spec, ms, u=U, truth=None):
-    return Faults([spec.hooks(rng())]).input(ms * MS, u, truth or plant().truth(), plant())
+def acted(spec, ms, u=U):
+    return Faults([spec.hooks(rng())]).input(ms * MS, u, plant())
 
 
 @pytest.mark.parametrize(("axis", "index"), [("pitch", 0), ("roll", 1)])
@@ -280,7 +280,7 @@ def test_a_stuck_servo_stays_where_it_was(axis, index):
         expected = u.copy()
         if 100 <= ms < 200:
             expected[index] = stuck
-        np.testing.assert_array_equal(faults.input(ms * MS, u, helicopter.truth(), helicopter), expected)
+        np.testing.assert_array_equal(faults.input(ms * MS, u, helicopter), expected)
 
 
 def test_a_weak_servo_reaches_a_share():
@@ -298,7 +298,7 @@ def test_without_the_gyro_nothing_damps_the_yaw(spec):
     trim, faults = helicopter.truth().actuators, Faults([GyroFailure(start=0.5, duration=0.5).hooks(rng())])
     rates = []
     for ms in range(0, 1500, 10):
-        u = faults.input(ms * MS, trim, helicopter.truth(), helicopter)
+        u = faults.input(ms * MS, trim, helicopter)
         helicopter.advance((ms + 10) * MS, u, STILL_AIR)
         rates.append(helicopter.truth().yaw_rate)
     # 5 1/s: the engine's implicit damping is exp(-5 t) within 5 * 0.001 / 2 a second.
@@ -310,7 +310,7 @@ def test_without_the_gyro_nothing_damps_the_yaw(spec):
 def test_a_gyro_works_only_if_no_fault_breaks_it():
     helicopter = plant()
     faults = Faults([Hooks(gyro=lambda t: True), Hooks(gyro=lambda t: False), Hooks(gyro=lambda t: True)])
-    faults.input(0, U, helicopter.truth(), helicopter)
+    faults.input(0, U, helicopter)
     assert not helicopter.gyro_works
 
 

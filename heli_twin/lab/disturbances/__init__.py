@@ -40,9 +40,9 @@ class SocialDisturbance(Protocol):
 
 ALONE: Array = np.zeros((0, 3))
 """The others of a helicopter that flies alone."""
-NO_PUSH: Array = np.zeros(3)
-"""The acceleration of a disturbance that is wind alone."""
-NO_PUSH.setflags(write=False)
+STILL: Array = np.zeros(3)
+"""No wind, or no push."""
+STILL.setflags(write=False)
 
 
 def air_of(disturbance: Disturbance | SocialDisturbance) -> Callable[[Truth, Array], Air]:
@@ -66,9 +66,20 @@ class DisturbanceSpec(Protocol):
         ...
 
 
+class Steady:
+    """A disturbance that does the same at all times."""
+
+    def __init__(self, air: Air) -> None:
+        self._air = air
+
+    def air(self, truth: Truth) -> Air:
+        """Return the same air."""
+        return self._air
+
+
 def together(parts: Sequence[Air]) -> Air:
     """Combine all contributions: winds, pushes and moments are added, thrust factors multiplied."""
-    wind, push, factor, moment = np.zeros(3), np.zeros(3), 1.0, None
+    wind, push, factor, moment = STILL, STILL, 1.0, None
     for part in parts:
         wind, push, factor = wind + part.wind, push + part.acceleration, factor * part.thrust_factor
         if part.moment is not None:

@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.signals import Array
 from heli_twin.lab.chance import blocks, coloured
-from heli_twin.lab.disturbances import NO_PUSH, PERIOD_NS
+from heli_twin.lab.disturbances import PERIOD_NS, STILL
 from heli_twin.lab.plant import Air, Truth
 
 
@@ -44,7 +44,7 @@ class GustInFlight:
 
     def air(self, truth: Truth) -> Air:
         """Return the wind of the next period."""
-        return Air(next(self._winds), NO_PUSH)
+        return Air(next(self._winds), STILL)
 
 
 def gusts(strength: float, time: float, axes: Sequence[int], rng: np.random.Generator) -> Iterator[Array]:

@@ -64,6 +64,8 @@ class Faults:
 
     def __init__(self, faults: Iterable[Hooks]) -> None:
         self._faults = [*faults]
+        self._input = [fault.input for fault in self._faults if fault.input]
+        self._gyro = [fault.gyro for fault in self._faults if fault.gyro]
         self._estimate = [fault.estimate for fault in self._faults if fault.estimate]
         self._received = [fault.received for fault in self._faults if fault.received]
         self._battery = [fault.battery for fault in self._faults if fault.battery]
@@ -104,14 +106,12 @@ class Faults:
                 sent = [changed for each in sent for changed in fault.command(*each)]
         return sent
 
-    def input(self, t: int, u: Array, truth: Truth, plant: Plant) -> Array:
+    def input(self, t: int, u: Array, plant: Plant) -> Array:
         """Return the input (4,) that acts at the helicopter from `t` on, and switch its gyro."""
-        for fault in self._faults:
-            if fault.input:
-                u = fault.input(t, u, truth)
-        gyros = [fault.gyro(t) for fault in self._faults if fault.gyro]
-        if gyros:
-            plant.gyro_works = all(gyros)
+        for fault in self._input:
+            u = fault(t, u, plant.truth())
+        if self._gyro:
+            plant.gyro_works = all([works(t) for works in self._gyro])
         return u
 
 

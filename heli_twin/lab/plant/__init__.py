@@ -64,11 +64,14 @@ class Plant(Protocol):
     """True while the on-board rate gyro damps the yaw; a fault switches it."""
 
     def truth(self) -> Truth:
-        """Return its state now; the arrays are copies that the caller may keep."""
+        """Return its state now; the arrays are copies that the caller may keep and does not change."""
         ...
 
     def advance(self, until: int, u: Array, air: Air) -> None:
-        """Fly on to `until` (ns, a multiple of the step) with the input (4,) that the receiver holds."""
+        """Fly on to `until` (ns, a multiple of the step) with the input (4,) that the receiver holds.
+
+        An `air` that is handed over does not change afterwards: the same object again is the same air.
+        """
         ...
 
     def battery(self) -> Battery | None:

@@ -43,6 +43,9 @@ class Gimbal:
 
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self._data = model, data
+        # Views: the engine moves them.
+        self._place, self._angles = data.qpos[:3], data.qpos[3:6]
+        self._velocity, self._rates = data.qvel[:3], data.qvel[3:6]
         self._yaw_damping = float(model.dof_damping[3])
 
     def place(self, x: Array) -> None:
@@ -54,15 +57,15 @@ class Gimbal:
 
     def now(self) -> Moving:
         """Return its state now; the arrays are copies."""
-        px, py, pz, yaw, pitch, roll = self._data.qpos[:6].tolist()
-        vx, vy, vz, r, pitch_rate, roll_rate = self._data.qvel[:6].tolist()
+        yaw, pitch, roll = self._angles.tolist()
+        r, pitch_rate, roll_rate = self._rates.tolist()
         st, ct, sr, cr = sin(pitch), cos(pitch), sin(roll), cos(roll)
         # Yaw turns about the world's z, pitch about the turned y, roll about the nose.
         angular_velocity = (roll_rate - r * st, pitch_rate * cr + r * ct * sr, r * ct * cr - pitch_rate * sr)
         return Moving(
-            np.array((px, py, pz)),
+            self._place.copy(),
             _quaternion(yaw, pitch, roll),
-            np.array((vx, vy, vz)),
+            self._velocity.copy(),
             np.array(angular_velocity),
             yaw,
             r,
@@ -85,6 +88,7 @@ class FreeJoint:
             gyro: Number of the actuator that damps the yaw; None if there is none.
         """
         self._model, self._data, self._gyro = model, data, gyro
+        self._pose, self._velocities = data.qpos[:7], data.qvel[:6]
         self._damping = 0.0 if gyro is None else float(model.actuator_biasprm[gyro, 2])
         self._heading, self._turns = 0.0, 0
 
@@ -99,8 +103,8 @@ class FreeJoint:
 
     def now(self) -> Moving:
         """Return its state now; the arrays are copies."""
-        px, py, pz, w, x, y, z = self._data.qpos[:7].tolist()
-        vx, vy, vz, p, q, r = self._data.qvel[:6].tolist()
+        px, py, pz, w, x, y, z = self._pose.tolist()
+        vx, vy, vz, p, q, r = self._velocities.tolist()
         size = hypot(w, x, y, z) or 1.0
         w, x, y, z = w / size, x / size, y / size, z / size
         heading = atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -14,10 +14,11 @@ Importing this module does not load the engine; starting a flight does.
 """
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
-from math import sqrt
+from math import isfinite, sqrt
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
@@ -133,7 +134,8 @@ class MuJoCo:
         Raises:
             ValueError: At x the helicopter would stand in the floor.
         """
-        model = edited(self, visuals=False).compile()
+        # A copy: faults and effects change the model in flight.
+        model = copy(_compiled(self))
         data = engine().MjData(model)
         parts = Parts(model, data, Gimbal(model, data), np.array(self.trim), self.mass, lambda: _mjcf(self))
         return Twin(parts, self, x)
@@ -181,16 +183,21 @@ class Twin:
         mujoco = engine()
         self._spec, self._parts = spec, parts
         self.gyro_works, self.feels_moments = True, True
+        self._gyro_worked = True
         self._steps = 0
         self._step_ns = spec.step_ns
         self._effect_steps = max(1, PERIOD_NS // self._step_ns)
         self._mj_step = mujoco.mj_step
         self._model, self._data = model, data = parts.model, parts.data
-        self._thrust = model.actuator("u_z").id
-        self._full_thrust = model.actuator_gainprm[self._thrust, :3].copy()
-        self._fuselage = model.body("fuselage").id
-        root = model.body_rootid
-        self._own = root[model.geom_bodyid] == root[self._fuselage]
+        thrust, fuselage, root = model.actuator("u_z").id, model.body("fuselage").id, model.body_rootid
+        # Views of what is written in flight: to look it up takes as long as a physics step.
+        self._ctrl, self._actuators = data.ctrl[:4], data.act[:4]
+        self._force, self._torque = data.xfrc_applied[fuselage, :3], data.xfrc_applied[fuselage, 3:]
+        self._thrust_gain = model.actuator_gainprm[thrust, :3]
+        self._full_thrust, self._thrust_factor = self._thrust_gain.copy(), 1.0
+        self._air: Air | None = None
+        self._truth: Truth | None = None
+        self._own = root[model.geom_bodyid] == root[fuselage]
         """Of each geom: whether it is a part of the helicopter."""
         air = next((model.jnt_dofadr[i] for i in range(model.njnt) if model.joint(i).name == "air_x"), None)
         self._wind = model.opt.wind if air is None else data.qvel[air : air + 3]
@@ -206,7 +213,7 @@ class Twin:
         self._update_effects()
         trim = self._physics.trim
         hover = 0.0 if self._physics.stands else trim[2] / max(self._physics.thrust, 1e-9)
-        trim[2] = np.clip(hover, *model.actuator_ctrlrange[self._thrust])
+        trim[2] = np.clip(hover, *model.actuator_ctrlrange[thrust])
         # Rotors, servos and the inputs in the receiver's delay start at trim, or the helicopter would drop at once.
         data.act[:4] = data.ctrl[:4] = trim
         self._u = trim.tolist()
@@ -225,18 +232,10 @@ class Twin:
 
         `touching` alone is as of the start of the newest step.
         """
-        moving = self._parts.motion.now()
-        return Truth(
-            stamp=self._steps * self._step_ns,
-            position=moving.position,
-            quat_wxyz=moving.quat_wxyz,
-            velocity=moving.velocity,
-            angular_velocity=moving.angular_velocity,
-            yaw=moving.yaw,
-            yaw_rate=moving.yaw_rate,
-            actuators=self._data.act[:4].copy(),
-            touching=self._touching(),
-        )
+        if self._truth is None:
+            stamp, moving = self._steps * self._step_ns, self._parts.motion.now()
+            self._truth = Truth(stamp, *moving, self._actuators.copy(), self._touching())
+        return self._truth
 
     def _touching(self) -> bool:
         """Whether a part of the helicopter touches something that is none, except for a payload."""
@@ -259,25 +258,30 @@ class Twin:
         if off_grid or target < self._steps:
             now = self._steps * self._step_ns
             raise ValueError(f"until = {until} ns has to be {now} ns plus whole steps of {self._step_ns} ns")
-        if not np.isfinite(u).all():
+        asked = u.tolist()
+        if not all(map(isfinite, asked)):
             raise ValueError(f"the input is not finite: {u}")
         if target == self._steps:
             return
-        data = self._data
-        self._wind[:] = air.wind
-        data.xfrc_applied[self._fuselage, :3] = self._parts.mass * air.acceleration
-        self._parts.motion.damp_yaw(self.gyro_works)
-        self._act(u)
+        self._truth = None
+        if air is not self._air:
+            self._air, self._wind[:], self._force[:] = air, air.wind, self._parts.mass * air.acceleration
+        if self.gyro_works != self._gyro_worked:
+            self._gyro_worked = self.gyro_works
+            self._parts.motion.damp_yaw(self.gyro_works)
+        if asked != self._u:
+            self._u = asked
+            self._act()
         if not self._every_period:
-            self._thrust_gain(air.thrust_factor)
+            self._scale_thrust(air.thrust_factor)
             self._step(target - self._steps, air.moment)
             self._steps = target
         while self._steps < target:
             into = self._steps % self._effect_steps
             if into == 0 and self._steps:
                 self._update_effects()
-                self._act(u, again=True)
-            self._thrust_gain(air.thrust_factor * self._physics.thrust)
+                self._act()
+            self._scale_thrust(air.thrust_factor * self._physics.thrust)
             steps = min(self._effect_steps - into, target - self._steps)
             self._step(steps, air.moment)
             self._steps += steps
@@ -287,32 +291,31 @@ class Twin:
         if moment is None:
             self._mj_step(self._model, self._data, steps)
             return
-        torque = self._data.xfrc_applied[self._fuselage, 3:]
+        torque = self._torque
         for _ in range(steps):
             torque[:] = rotated_to_world(self._parts.motion.now().quat_wxyz, moment)
             self._mj_step(self._model, self._data, 1)
         torque[:] = 0.0
 
-    def _act(self, u: Array, *, again: bool = False) -> None:
-        """Give the input (4,) to servos and rotors; effects change it when it is new, or `again`."""
+    def _act(self) -> None:
+        """Give the input to servos and rotors, as effects change it."""
         physics = self._physics
         if not self._on_input:
-            self._data.ctrl[:4] = u
+            self._ctrl[:] = self._u
             return
-        asked = u.tolist()
-        if again or asked != self._u:
-            self._u, physics.u = asked, u.copy()
-            for update in self._on_input:
-                update(physics)
-            self._data.ctrl[:4] = physics.u
+        physics.u = np.array(self._u)
+        for update in self._on_input:
+            update(physics)
+        self._ctrl[:] = physics.u
 
     def _update_effects(self) -> None:
         self._physics.thrust = 1.0
         for update in self._every_period:
             update(self._physics)
 
-    def _thrust_gain(self, factor: float) -> None:
-        self._model.actuator_gainprm[self._thrust, :3] = self._full_thrust * factor
+    def _scale_thrust(self, factor: float) -> None:
+        if factor != self._thrust_factor:
+            self._thrust_factor, self._thrust_gain[:] = factor, self._full_thrust * factor
 
     def battery(self) -> Battery | None:
         """Return its battery now; None without the effect of that name."""
@@ -321,6 +324,12 @@ class Twin:
     def description(self) -> str:
         """Return the simulated MJCF, visuals included."""
         return self._parts.describe()
+
+
+@lru_cache(maxsize=64)
+def _compiled(p: MuJoCo) -> Any:
+    """Cached: it takes as long as a tenth of a second of flight, and a study flies a helicopter more than once."""
+    return edited(p, visuals=False).compile()
 
 
 @lru_cache(maxsize=64)
