@@ -110,8 +110,9 @@ class Faults:
         """Return the input (4,) that acts at the helicopter from `t` on, and switch its gyro."""
         for fault in self._input:
             u = fault(t, u, plant.truth())
-        if self._gyro:
-            plant.gyro_works = all([works(t) for works in self._gyro])
+        gyros = [works(t) for works in self._gyro]
+        if gyros:
+            plant.gyro_works = all(gyros)
         return u
 
 
