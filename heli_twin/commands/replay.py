@@ -2,9 +2,11 @@
 
 import subprocess
 from argparse import ArgumentParser, Namespace, _SubParsersAction
+from contextlib import suppress
 from pathlib import Path
+from threading import Event
 
-from heli_twin.commands import command, file_path, say
+from heli_twin.commands import command, say
 from heli_twin.errors import HeliTwinError
 from heli_twin.terminal_text import clean, pasteable
 
@@ -18,19 +20,21 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         subparsers,
         "replay",
         run,
-        "show a recorded flight in Rerun, or two in one scene",
+        "show recorded flights in Rerun: one, two in one scene, or a table of many",
         "Show a recorded flight in Rerun, the same picture as while it was flown.\n"
         "Of two logs both helicopters fly in one scene, A blue and B pink; the plots hold the errors of both and\n"
-        "how far B is from A, and a table says what differs between the experiments.",
+        "how far B is from A, and a table says what differs between the experiments.\n"
+        "Of a study, a folder or more than two logs it is a table with a moving picture in each row, those that\n"
+        "failed first; click a row's name to open the flight. It needs `pip install 'heli-twin[table]'`.",
         "  heli-twin replay logs/RUN.mcap\n"
         "  heli-twin replay logs/RUN.mcap --save flight.rrd\n"
         "  heli-twin replay logs/A.mcap logs/B.mcap --tab inputs\n"
+        "  heli-twin replay logs/studies/mass           # every flight of a study\n"
         "  heli-twin replay logs/RUN.mcap --connect\n"
         "  heli-twin replay logs/RUN.mcap --web        # in a browser, also over SSH",
     )
-    parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin recorded")
     parser.add_argument(
-        "other", type=file_path, nargs="?", metavar="OTHER.mcap", help="a second one to compare it with"
+        "logs", type=Path, nargs="+", metavar="RUN.mcap | FOLDER", help="logs, or the folder of a study or of logs"
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--spawn", action="store_true", help="start a viewer (the default)")
@@ -49,7 +53,9 @@ def run(parsed: Namespace) -> int:
     """Show it."""
     from heli_twin.viewing.show import destination, flights, in_browser
 
-    shown = flights([path for path in (parsed.log, parsed.other) if path])
+    if len(parsed.logs) > 2 or any(path.is_dir() for path in parsed.logs):
+        return show_table(parsed)
+    shown = flights(parsed.logs)
     if parsed.web:
         with in_browser(shown, web_port(parsed.port), parsed.tab) as server:
             tell_web_address(parsed.port)
@@ -58,6 +64,39 @@ def run(parsed: Namespace) -> int:
     if parsed.save:
         print(f"wrote {clean(parsed.save)}: open it with `{pasteable('rerun', Path(parsed.save))}`")
     return 0
+
+
+def show_table(parsed: Namespace) -> int:
+    """Show many flights as a table, until it is closed.
+
+    Raises:
+        HeliTwinError: There are none, or nothing to show them with.
+    """
+    from heli_twin.studies.browse import table_of
+    from heli_twin.viewing.flight_table import served
+    from heli_twin.viewing.show import VIEWER_PORT, destination
+    from heli_twin.viewing.viewer_process import has_screen, is_viewer, open_in_viewer, refuse_taken, web_viewer, window
+
+    if parsed.save:
+        raise HeliTwinError("a table of flights needs Rerun's server and fits into no file: use --web or --spawn")
+    where = destination("connect" if parsed.connect else "spawn")
+    if not parsed.web and not (is_viewer(VIEWER_PORT) if parsed.connect else has_screen()):
+        raise HeliTwinError(where.no_viewer())
+    if parsed.web:
+        refuse_taken(web_port(parsed.port) + 1)
+    flights = table_of(parsed.logs)
+    say(f"{flights.title}: {len(flights.logs)} flights, {len([log for log in flights.logs if log])} with a log")
+    with served(flights, parsed.port + 1 if parsed.web else None) as address:
+        if parsed.web:
+            with web_viewer(address, parsed.port) as server:
+                tell_web_address(parsed.port, address)
+                return wait(server)
+        if parsed.connect:
+            open_in_viewer(VIEWER_PORT, address)
+            print("the viewer shows the table; Ctrl-C ends it", flush=True)
+            return wait(None)
+        with window(address) as viewer:
+            return wait(viewer)
 
 
 def web_port(port: int) -> int:
@@ -71,18 +110,20 @@ def web_port(port: int) -> int:
     return port
 
 
-def tell_web_address(port: int) -> None:
+def tell_web_address(port: int, source: str = "") -> None:
     """Say where the page is, here and from another machine."""
     from heli_twin.viewing.viewer_process import web_address
 
-    say(f"open {web_address(port)}")
+    say(f"open {web_address(port, source)}")
     tunnel = f"ssh -L {port}:localhost:{port} -L {port + 1}:localhost:{port + 1} THIS_MACHINE"
     print(f"from another machine the same address, after `{tunnel}`; Ctrl-C ends it", flush=True)
 
 
-def wait(server: subprocess.Popen[bytes]) -> int:
-    """Serve until Ctrl-C, which is no failure."""
-    try:
-        return server.wait()
-    except KeyboardInterrupt:
-        return 0
+def wait(process: "subprocess.Popen[bytes] | None") -> int:
+    """Wait until a viewer is closed or Ctrl-C, neither of which is a failure."""
+    with suppress(KeyboardInterrupt):
+        if process is None:
+            Event().wait()
+        else:
+            process.wait()
+    return 0

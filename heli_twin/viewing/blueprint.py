@@ -53,11 +53,16 @@ class Scales(NamedTuple):
         return self if len(log.truth.time) or not len(log.pose.time) else self._replace(source="cameras")
 
     def for_log(self, log: Log) -> "Scales":
-        """The same for a whole flight; the camera looks at the flown path if there is no planned one."""
-        scales = self._replace(states=log.estimate_states)
-        if len(log.truth.time) and not len(log.reference.time):
-            return scales._replace(path=log.truth.position)
-        return scales._replace(path=log.reference_paths[0][1]) if self.path is None and log.reference_paths else scales
+        """The same for a whole flight; the camera looks at the planned path and at the flown one."""
+        planned = [self.path] if self.path is not None else [log.reference_paths[0][1]] if log.reference_paths else []
+        flown = log.truth.position
+        seen = flown[(np.abs(flown) < FARTHEST_M).all(axis=1)]
+        paths = [path for path in (*planned, seen) if len(path)]
+        return self._replace(states=log.estimate_states, path=np.concatenate(paths) if paths else None)
+
+
+FARTHEST_M = 4.0
+"""A helicopter beyond this has flown away: the camera stays with the lab."""
 
 
 class Tab(NamedTuple):
@@ -190,13 +195,14 @@ def blueprint(seen: rrb.Container, plots: rrb.Container) -> rrb.Blueprint:
     )
 
 
-def scene(name: str, path: Array | None, flights: Sequence[str] = ("",)) -> rrb.Spatial3DView:
+def scene(name: str, path: Array | None, flights: Sequence[str] = ("",), *, distance: float = 1.0) -> rrb.Spatial3DView:
     """The lab in 3D.
 
     Args:
         name: Title; it explains the colours.
         path: (n, 3) path that the camera looks at, world, m.
         flights: Prefix of each flight's entities, such as `/A`.
+        distance: Of the camera, times the usual one.
     """
     points = np.array([[-0.5, -0.5, 1.0], [0.5, 0.5, 1.0]]) if path is None else path
     low, high = points.min(axis=0), points.max(axis=0)
@@ -213,7 +219,9 @@ def scene(name: str, path: Array | None, flights: Sequence[str] = ("",)) -> rrb.
         contents=[f"+ {flight}/world/**" for flight in flights],
         background=[24, 26, 31],
         line_grid=rrb.LineGrid3D(spacing=0.5, color=[90, 96, 110, 120]),
-        eye_controls=rrb.EyeControls3D(position=centre + radius * BESIDE, look_target=centre, eye_up=(0.0, 0.0, 1.0)),
+        eye_controls=rrb.EyeControls3D(
+            position=centre + distance * radius * BESIDE, look_target=centre, eye_up=(0.0, 0.0, 1.0)
+        ),
         overrides={f"{flight}/world/trail": [trail] for flight in flights},
     )
 

@@ -30,6 +30,10 @@ class Destination(NamedTuple):
     """The viewer's."""
     spawn: bool = False
     """Start a viewer if none listens."""
+    recording: str | None = None
+    """Id of the recording in a file; None for a new one."""
+    name: str = ""
+    """Of the recording in a file, for a person."""
 
     def no_answer(self) -> str:
         """The beginning of a sentence: the destination takes nothing in."""
@@ -65,7 +69,9 @@ def deliver(destination: Destination, blueprint: rrb.Blueprint, fill: Callable[[
         LogError: No viewer listens or answers, or the file cannot be written.
     """
     if destination.file is not None:
-        stream = rr.RecordingStream(APPLICATION)
+        stream = rr.RecordingStream(APPLICATION, recording_id=destination.recording)
+        if destination.name:
+            stream.send_recording_name(destination.name)
         # Rerun's own file can hang when its disk is full.
         recording = stream.memory_recording()
         # Not as a default only: the web viewer shows a layout of its own then.

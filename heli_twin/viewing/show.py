@@ -124,7 +124,7 @@ def in_browser(shown: ShownFlights, port: int, tab: str = "") -> Generator[subpr
     with TemporaryDirectory() as folder:
         file = Path(folder) / "flights.rrd"
         shown.show(Destination(file=file), tab)
-        with web_viewer(file, port) as server:
+        with web_viewer(str(file), port) as server:
             yield server
 
 

@@ -7,9 +7,9 @@ import sys
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 from typing import IO
+from urllib.parse import quote
 
 from rerun.experimental import ViewerClient
 
@@ -96,31 +96,73 @@ def picture(show: Callable[[int], None], at: float, size: tuple[int, int]) -> by
 
 
 @contextmanager
-def web_viewer(file: Path, port: int) -> Generator[subprocess.Popen[bytes]]:
-    """Serve Rerun's web viewer with a recording while the block lasts; only this machine can reach it.
+def web_viewer(source: str, port: int) -> Generator[subprocess.Popen[bytes]]:
+    """Serve Rerun's web viewer while the block lasts; only this machine can reach it.
 
     Args:
-        file: `NAME.rrd`.
-        port: Of the page; the recording comes from the next one, `port` + 1.
+        source: A Rerun file, whose data come from the next port, `port` + 1; or an address of Rerun's server.
+        port: Of the page.
 
     Raises:
         LogError: A port is taken, or the server failed.
     """
-    for number in (port, port + 1):
-        if is_listening(number):
-            raise LogError(f"port {number} is taken: give another one with --port; the one after it is needed too")
+    is_served = source.startswith("rerun+http://")
+    ports = [port] if is_served else [port, port + 1]
+    for number in ports:
+        refuse_taken(number)
     with TemporaryDirectory(ignore_cleanup_errors=True) as place, TemporaryFile() as said:
-        options = (str(file), "--serve-web", "--web-viewer-port", str(port))
-        starting = _start(WATCHED, port + 1, *options, stdin=subprocess.PIPE, output=said, TMPDIR=place)
+        options = (source, "--serve-web", "--web-viewer-port", str(port))
+        own_port = "auto" if is_served else port + 1
+        starting = _start(WATCHED, own_port, *options, stdin=subprocess.PIPE, output=said, TMPDIR=place)
         with starting as process, _explained(process, said):
-            if not (_comes_up(process, port) and _comes_up(process, port + 1)):
+            if not all(_comes_up(process, number) for number in ports):
                 raise LogError(f"the web viewer did not start in {START_TIMEOUT_S:g} s: try again")
             yield process
 
 
-def web_address(port: int) -> str:
-    """The address of the web viewer's page on this port, as a browser on this machine has it."""
-    return f"http://localhost:{port}/?url=rerun%2Bhttp://localhost:{port + 1}/proxy"
+def refuse_taken(port: int) -> None:
+    """Refuse a port on which something listens.
+
+    Raises:
+        LogError: It is taken.
+    """
+    if is_listening(port):
+        raise LogError(f"port {port} is taken: give another one with --port; the one after it is needed too")
+
+
+def web_address(port: int, source: str = "") -> str:
+    """The address of the web viewer's page on this port, as a browser on this machine has it.
+
+    Args:
+        port: Of the page.
+        source: What it shows, an address of Rerun's server; empty for the file that `web_viewer` serves.
+    """
+    return f"http://localhost:{port}/?url={quote(source or f'rerun+http://localhost:{port + 1}/proxy', safe=':/')}"
+
+
+@contextmanager
+def window(source: str) -> Generator[subprocess.Popen[bytes]]:
+    """Show an address of Rerun's server in a window of its own while the block lasts.
+
+    Raises:
+        LogError: It did not start.
+    """
+    with TemporaryFile() as said:
+        starting = _start(WATCHED, "auto", source, stdin=subprocess.PIPE, output=said)
+        with starting as process, _explained(process, said):
+            yield process
+
+
+def open_in_viewer(port: int, source: str) -> None:
+    """Open an address of Rerun's server in the viewer on this port.
+
+    Raises:
+        LogError: It refuses.
+    """
+    try:
+        ViewerClient.connect(url(port)).open([source])
+    except RuntimeError as error:
+        raise LogError(f"the viewer on port {port} shows no table: {error}") from error
 
 
 @contextmanager
@@ -176,7 +218,7 @@ def _why(said: str) -> str:
 
 
 def _start(
-    watch: Sequence[str], port: int, *options: str, stdin: int, output: int | IO[bytes], **variables: str
+    watch: Sequence[str], port: int | str, *options: str, stdin: int, output: int | IO[bytes], **variables: str
 ) -> subprocess.Popen[bytes]:
     command = [*watch, sys.executable, "-m", "rerun", "--port", str(port), "--bind", HOST, *options]
     # Below errors the viewer shows its own log as notes in front of the picture.
