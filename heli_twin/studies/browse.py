@@ -75,7 +75,7 @@ def _rounded(value: float | None, factor: float) -> float | None:
 
 
 def study_table(folder: Path) -> FlightTable:
-    """One row a run of a study: what it was, how it ended, its metrics, and the command that flies it again.
+    """One row a run of a study: what it was, how it ended, its metrics, and the command that shows it.
 
     Raises:
         StudyError: There are no runs.
@@ -86,15 +86,18 @@ def study_table(folder: Path) -> FlightTable:
     rows = read_results(folder, ["id", "outcome", "outcome_text", "seed", *PLACE, *study.axes, *shown])
     rows = rows.take(pa.array(_order(rows, study.score)))
     ids: list[str] = rows.column("id").to_pylist()
-    logs = [folder / "logs" / f"{run_id}.mcap" for run_id in ids]
+    logs = [log if log.exists() else None for log in (folder / "logs" / f"{run_id}.mcap" for run_id in ids)]
     columns: dict[str, Any] = {"outcome": rows.column("outcome")}
     for name in (*PLACE, *study.axes, *shown, "seed"):
         if name in rows.column_names:
             title, values = _shown(name, rows.column(name).to_pylist(), name in shown)
             columns[name if title in columns else title] = values
     columns["how it ended"] = [clean(text or "", 120) for text in rows.column("outcome_text").to_pylist()]
-    columns["fly it again"] = [pasteable("heli-twin", "study", "fly", folder, run_id) for run_id in ids]
-    return FlightTable(study.name, pa.table(columns), [log if log.exists() else None for log in logs])
+    columns["command"] = [
+        pasteable("heli-twin", "replay", log) if log else pasteable("heli-twin", "study", "fly", folder, run_id)
+        for log, run_id in zip(logs, ids, strict=True)
+    ]
+    return FlightTable(study.name, pa.table(columns), logs)
 
 
 def _order(rows: pa.Table, score: str) -> list[int]:

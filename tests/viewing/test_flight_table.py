@@ -47,8 +47,9 @@ def test_flights_that_failed_stand_first_and_then_the_worst(study: Path) -> None
     assert table.columns.column("rms, cm").to_pylist()[2:] == [80.0, 70.0, 60.0, 50.0, 40.0, 30.0, 20.0, 10.0]
     assert [log is not None for log in table.logs] == [False, True, *[False] * 5, True, False, False]
     ids = {row["id"] for row in rows_of(study)}
-    commands = table.columns.column("fly it again").to_pylist()
-    assert {command.split()[-1] for command in commands} == ids
+    commands = table.columns.column("command").to_pylist()
+    assert {Path(command.split()[-1]).stem for command in commands} == ids
+    assert ["replay" in command for command in commands] == [log is not None for log in table.logs]
 
 
 def test_logs_are_a_table_too(run: Path, tmp_path: Path) -> None:
