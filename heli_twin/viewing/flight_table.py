@@ -31,7 +31,7 @@ FLIGHT = "flight"
 TILE_DISTANCE = 1.7
 """Distance of the camera in a small picture, times that in a large one: it is higher than wide."""
 MAX_PICTURES = 64
-"""Flights with a picture: those of a row further down have none. Rerun's server takes 6 MB of memory for 12 s of one."""
+"""Flights with a picture; those further down have none. Rerun's server holds 12 s of flight in 6 MB of memory."""
 READY_FIRST = 8
 """Pictures that are made before the table is shown: more than a window has rows."""
 
