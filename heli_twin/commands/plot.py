@@ -67,6 +67,6 @@ def require_free(out: Path, force: bool) -> None:
         HeliTwinError: It exists already, or there is no such folder.
     """
     if out.exists() and not force:
-        raise HeliTwinError(f"{out} exists already: choose another name with --out, or replace it with --force")
+        raise HeliTwinError(f"{out} exists already: choose another name, or replace it with --force")
     if not out.parent.is_dir():
         raise HeliTwinError(f"cannot write {out}: there is no folder {out.parent}")

@@ -1,5 +1,6 @@
 """Where the helicopter was and how far from its reference, by the truth or, where nobody knows it, by the cameras."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,28 @@ def errors(log: Log) -> tuple[Array, Array]:
     error = there - planned.x[kept, :4]
     error[:, 3] = wrap_angle(error[:, 3])
     return time[kept], error
+
+
+class Span(NamedTuple):
+    """A time in which something was the case, s."""
+
+    start: float
+    end: float
+    name: str
+
+
+GAP_S = 0.08
+"""A gap between poses of at least this length is an outage."""
+
+
+def outages(log: Log) -> list[Span]:
+    """The times without poses, s."""
+    stamps = 1e-9 * np.unique(log.pose.stamp)
+    if not len(stamps):
+        return []
+    usual = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+    at = np.append(stamps, 1e-9 * log.ending.time)
+    return [Span(a, b, "no poses") for a, b in pairwise(at) if b - a > max(GAP_S, 4 * usual)]
 
 
 def statistics(log: Log, start: float = SETTLING_S, end: float | None = None) -> dict[str, dict[str, float]] | None:

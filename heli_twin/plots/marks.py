@@ -1,42 +1,19 @@
 """What happened in a flight, on the axes of time: outages, faults, phases of the supervisor, the end."""
 
 from collections.abc import Iterator
-from itertools import pairwise
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from controllers.markers import by_name
 from controllers.supervisors import PHASES
+from heli_twin.metrics.motion import Span, outages
 from heli_twin.plots.runs import Run
 
-GAP_S = 0.08
-"""A gap between poses of at least this length is an outage."""
 TOLD = 8
 """Most events that are named; of more, only lines are drawn."""
 OUTAGE_COLOR, FAULT_COLOR, EVENT_COLOR = "#d9d9d9", "#D55E00", "#666666"
 LETTER_INCHES = 0.05
 """Width of a letter of an event's name."""
 SHORT = {"touch_down": "touch-down"}
-
-
-class Span(NamedTuple):
-    """A time in which something was the case."""
-
-    start: float
-    end: float
-    name: str
-
-
-def outages(run: Run) -> list[Span]:
-    """The times without poses, s."""
-    stamps = 1e-9 * np.unique(run.log.pose.stamp)
-    end = 1e-9 * run.log.ending.time
-    if not len(stamps):
-        return []
-    usual = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
-    at = np.append(stamps, end)
-    return [Span(a, b, "no poses") for a, b in pairwise(at) if b - a > max(GAP_S, 4 * usual)]
 
 
 def faults(run: Run) -> list[Span]:
@@ -69,7 +46,7 @@ def mark(axes: Any, run: Run, *, alone: bool, named: bool) -> None:
         alone: Whether it is the only one there; else its marks have its colour.
         named: Whether the events are named above the axes.
     """
-    for span in outages(run):
+    for span in outages(run.log):
         shade = OUTAGE_COLOR if alone else run.color
         axes.axvspan(
             *_within(span, run),

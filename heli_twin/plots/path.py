@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from heli_twin.metrics.motion import motion
+from heli_twin.metrics.motion import motion, outages
 from heli_twin.plots.axes import NARROW_INCHES, REFERENCE, legend
-from heli_twin.plots.marks import OUTAGE_COLOR, outages
+from heli_twin.plots.marks import OUTAGE_COLOR
 from heli_twin.plots.runs import Run
 from heli_twin.plots.tracking import lacks as lacks
 
@@ -51,7 +51,7 @@ def _view(axes: Any, shown: Sequence[Run], across: int, up: int) -> None:
         flown, time = moved.state[kept][:, [across, up]], moved.time[kept]
         name = ("by the cameras" if moved.by_cameras else "flown") if alone else run.name
         axes.plot(flown[:, 0], flown[:, 1], color=run.color, label=name, zorder=2)
-        for span in outages(run):
+        for span in outages(run.log):
             lost = (time >= span.start) & (time <= span.end)
             axes.plot(flown[lost, 0], flown[lost, 1], color=OUTAGE_COLOR, linewidth=5, zorder=1, label="no poses")
         if len(flown):

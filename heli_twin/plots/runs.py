@@ -9,11 +9,11 @@ import numpy as np
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.differences import fly_words
 from heli_twin.experiment.tree import ExperimentError
 from heli_twin.logbook import viewed_experiment
 from heli_twin.recording import Log, read_log
 from heli_twin.reporting.figure import color
+from heli_twin.reporting.names import told_apart
 from heli_twin.terminal_text import clean
 
 NAME_LIMIT = 60
@@ -65,7 +65,7 @@ def runs(
             " before its end"
         )
     known = [_experiment(log) for log in read]
-    shown = names or _told_apart(read, known, logs)
+    shown = names or told_apart(read, logs)
     return [
         Run(log, clean(name, NAME_LIMIT), color(i), experiment, first, min(last, longest))
         for i, (log, name, experiment) in enumerate(zip(read, shown, known, strict=True))
@@ -86,22 +86,3 @@ def _experiment(log: Log) -> Experiment | None:
         return viewed_experiment(log)
     except ExperimentError:
         return None
-
-
-def _told_apart(logs: Sequence[Log], known: Sequence[Experiment | None], given: Sequence[Any]) -> list[str]:
-    """For each flight the words of its `fly` command that not all have; the name of its file if that tells nothing."""
-    words = [_words(log) if experiment else [] for log, experiment in zip(logs, known, strict=True)]
-    if len(logs) == 1:
-        return [" ".join(words[0]) or ("lab" if known[0] else "")]
-    common = set(words[0]).intersection(*words)
-    told = [" ".join(word for word in each if word not in common) or "lab" for each in words]
-    files = [Path(str(each)).stem if isinstance(each, str | Path) else "" for each in given]
-    doubled = {name for name in told if told.count(name) > 1}
-    return [(files[i] or f"{name} {i + 1}") if name in doubled or not known[i] else name for i, name in enumerate(told)]
-
-
-def _words(log: Log) -> list[str]:
-    try:
-        return fly_words(log.experiment)
-    except ExperimentError:
-        return []

@@ -11,8 +11,9 @@ from matplotlib.colors import to_hex
 
 from heli_twin import HeliTwinError, Log, fly, load, plot, read_log
 from heli_twin.cli import main
+from heli_twin.metrics.motion import outages
 from heli_twin.plots.figure import FlightFigure, rendered
-from heli_twin.plots.marks import events, faults, outages
+from heli_twin.plots.marks import events, faults
 from heli_twin.plots.runs import runs
 
 LOST = ["duration=3", "trajectory=hover", "faults.pose_outage.start=1", "faults.pose_outage.duration=0.4"]
@@ -57,7 +58,7 @@ def test_a_window_shows_no_more(log: Log) -> None:
 
 def test_an_outage_a_fault_and_the_supervisor_are_marked(log: Log) -> None:
     (run,) = runs([log])
-    (gap,), (fault,) = outages(run), faults(run)
+    (gap,), (fault,) = outages(log), faults(run)
     # The first pose that is lost was seen up to one frame after the fault began.
     assert (gap.start, gap.end) == pytest.approx((1.0, 1.4), abs=0.03)
     assert fault == (1.0, 1.4, "pose_outage")

@@ -129,6 +129,15 @@ class Airframe:
         """
         return _shape(self.text)
 
+    def drawn(self) -> Any:
+        """Return the model with what is only looked at, as an MjSpec.
+
+        Raises:
+            ValueError: The model does not keep the contract.
+        """
+        _check_contract(self.text)
+        return self._edited(visuals=True)
+
     def _mjcf(self) -> str:
         return self._edited(visuals=True).to_xml()
 

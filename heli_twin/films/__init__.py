@@ -1,0 +1,1 @@
+"""Films of recorded flights, drawn without a screen: MuJoCo draws, PyAV or Pillow encodes."""
