@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar, say
+from heli_twin.commands.judge import BROKEN
+from heli_twin.commands.judge import show as show_verdicts
 from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "Fly one experiment, print what happened and leave an MCAP log that any viewer opens.\n"
         "`heli-twin show` lists every field that can be changed.\n"
         "Exit code: 0 completed or landed, 1 ended early or no log could be kept, 2 a mistake in what was asked for,\n"
+        "3 a requirement of --require is broken, or\n"
         "3 invalid: the program of an external control law died, sent nonsense or did not answer within 10 s;\n"
         "the environment variable HELI_TWIN_EXTERNAL_LIMIT gives another limit, s.",
         "  heli-twin fly\n"
@@ -32,6 +35,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin fly ideal mocap.latency=0.04 estimator.roll_forward=false\n"
         "  heli-twin fly mine.toml --rerun flight.rrd\n"
         "  heli-twin fly controller=external controller.command=./pid\n"
+        "  heli-twin fly trajectory=hover --require hover\n"
         "  heli-twin fly --no-log --json | jq .max_abs_error",
     )
     add_experiment(parser)
@@ -41,6 +45,11 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument("--no-log", action="store_true", help="keep no log")
     parser.add_argument(
         "--rerun", metavar="spawn|connect|FILE.rrd", help="stream to a viewer or a Rerun file while flying"
+    )
+    parser.add_argument(
+        "--require",
+        metavar="REQ.toml|NAME",
+        help="judge the flight by these requirements; the exit code is 3 if one is broken (`heli-twin judge --help`)",
     )
     parser.add_argument(
         "--embed-source",
@@ -61,6 +70,11 @@ def run(parsed: Namespace) -> int:
 
     source, overrides = experiment_arguments(parsed)
     experiment, envelope = load(source, overrides), envelope_in(source)
+    requirements = None
+    if parsed.require is not None:
+        from heli_twin.requirements import judge, requirements_of
+
+        requirements = requirements_of(parsed.require)
     with progress_bar() as bar:
         task = bar.add_task("flying, s", total=experiment.duration)
         result = fly(
@@ -73,11 +87,17 @@ def run(parsed: Namespace) -> int:
     if envelope and source:
         warn_outside(source, envelope, result)
     summary = result.summary()
+    verdicts = judge(requirements, result.log) if requirements and result.outcome.kind != "invalid" else {}
+    if verdicts:
+        summary["requirements"] = {name: verdict.plain() for name, verdict in verdicts.items()}
     if parsed.json:
         print(json.dumps(summary, indent=2, allow_nan=False))
     else:
         show(summary)
-    return exit_code(result)
+        if verdicts:
+            show_verdicts(verdicts)
+    broken = any(not verdict.holds for verdict in verdicts.values())
+    return BROKEN if broken else exit_code(result)
 
 
 def warn_outside(source: str, envelope: "Envelope", result: "Result") -> None:

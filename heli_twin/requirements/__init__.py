@@ -1,0 +1,10 @@
+"""Requirements: what a flight must do, as signal temporal logic over the signals of its log, and by how much it does.
+
+`file.py` reads them from TOML, `parser.py` a formula from text, `formula.py` computes its robustness; `signals.py`
+takes the signals from a log; `judge.py` gives the verdicts.
+"""
+
+from heli_twin.requirements.file import Requirement, RequirementError, requirements_of
+from heli_twin.requirements.judge import Verdict, judge
+
+__all__ = ["Requirement", "RequirementError", "Verdict", "judge", "requirements_of"]
