@@ -34,7 +34,7 @@ class Trace(NamedTuple):
     length: int
     """n, samples, at least one."""
     signals: Mapping[str, Array]
-    """(n,) by name; Boolean ones are of type bool."""
+    """(n,) by name; those that are true or false are 1 or 0."""
 
 
 class Tightest(NamedTuple):
@@ -143,7 +143,7 @@ class Holds(Formula):
 
     def robustness(self, trace: Trace, scale: Scale) -> Array:
         """Plus or minus infinity."""
-        return np.where(trace.signals[self.signal], np.inf, -np.inf)
+        return np.where(trace.signals[self.signal] > 0.5, np.inf, -np.inf)
 
     def tightest(self, at: int, trace: Trace, scale: Scale) -> Tightest:
         """Itself."""

@@ -5,7 +5,7 @@ Everything else holds its last value. Velocities of imported logs are difference
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ class Motion(NamedTuple):
     yaw_rate: Array
     """(n,) rad/s."""
 
-    def held(self, time: Times, values: NDArray[np.generic], before: float = 0.0) -> Array:
+    def held(self, time: Times, values: NDArray[Any], before: float = 0.0) -> Array:
         """Return values (n, ...) on the grid, each held until the next one; `before` the first."""
         if not len(time):
             return np.full((len(self.time), *values.shape[1:]), before)
@@ -57,7 +57,7 @@ class Signal(NamedTuple):
     unit: str | None
     """None for one that is true or false."""
     text: str
-    of: Callable[[Motion], Array | NDArray[np.bool_]]
+    of: Callable[[Motion], NDArray[Any]]
     """Computes its (n,) values."""
     topic: str = ""
     """Column of the log that has to have messages."""
@@ -84,6 +84,11 @@ def _tilt(motion: Motion) -> Array:
 def _poses_lost(motion: Motion) -> NDArray[np.bool_]:
     arrived = motion.held(motion.log.pose.time, motion.log.pose.time, 0.0)
     return 1e-9 * (motion.time - arrived) > POSES_LOST_S
+
+
+def _saturated(motion: Motion) -> NDArray[np.bool_]:
+    largest = np.abs(motion.held(motion.log.sent.time, motion.log.sent.u)).max(axis=1)
+    return np.asarray(largest >= FULL)
 
 
 def _phase(name: str) -> Signal:
@@ -135,7 +140,7 @@ SIGNALS: dict[str, Signal] = {
     "saturated": Signal(
         None,
         "a sent input is at full stick",
-        lambda m: (np.abs(m.held(m.log.sent.time, m.log.sent.u)) >= FULL).any(axis=1),
+        _saturated,
         "sent",
     ),
     "solve_ms": Signal(
@@ -173,7 +178,9 @@ def trace_of(log: Log, names: set[str]) -> Trace:
         topic = SIGNALS[name].topic
         if topic and not len(getattr(log, topic).time):
             raise HeliTwinError(f"the log does not say '{name}': it has no `{topic}`")
-    return Trace(motion.period, len(motion.time), {name: SIGNALS[name].of(motion) for name in names})
+    return Trace(
+        motion.period, len(motion.time), {name: np.asarray(SIGNALS[name].of(motion), np.float64) for name in names}
+    )
 
 
 def _motion(log: Log) -> Motion:
