@@ -5,6 +5,7 @@ Everything else holds its last value. Velocities of imported logs are difference
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,7 +52,8 @@ class Motion(NamedTuple):
         return held
 
 
-class Signal(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Signal:
     """A signal by its name."""
 
     unit: str | None
@@ -113,7 +115,7 @@ def _input(column: int, text: str) -> Signal:
     return Signal("", text, lambda m: m.held(m.log.sent.time, m.log.sent.u[:, column]), "sent")
 
 
-SIGNALS: dict[str, Signal] = {
+_MEASURED: dict[str, Signal] = {
     "error.position": Signal(
         "m", "distance from the reference", lambda m: np.linalg.norm(_error(m)[:, :3], axis=1), "reference"
     ),
@@ -144,7 +146,9 @@ SIGNALS: dict[str, Signal] = {
         "sent",
     ),
     "solve_ms": Signal(
-        "ms", "measured time of the QP solve", lambda m: m.held(m.log.timing.time, 1e-6 * m.log.timing.solve_ns),
+        "ms",
+        "measured time of the QP solve",
+        lambda m: m.held(m.log.timing.time, 1e-6 * m.log.timing.solve_ns),
         "timing",
     ),
     "step_ms": Signal(
@@ -160,9 +164,9 @@ SIGNALS: dict[str, Signal] = {
     "touching": Signal(
         None, "a part touches the floor", lambda m: m.held(m.log.truth.time, m.log.truth.touching) > 0.5, "truth"
     ),
-    **{name: _phase(name) for name in PHASES if name not in OUTCOMES},
-    **{name: _outcome(name) for name in OUTCOMES},
-}  # fmt: skip
+}
+_PHASES = {name: _phase(name) for name in PHASES if name not in OUTCOMES}
+SIGNALS: dict[str, Signal] = _MEASURED | _PHASES | {name: _outcome(name) for name in OUTCOMES}
 """By name as formulas have it. Signed ones are read with `abs(...)` where their size matters."""
 UNITS_OF: dict[str, str | None] = {name: signal.unit for name, signal in SIGNALS.items()}
 
