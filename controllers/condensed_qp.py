@@ -92,17 +92,20 @@ class StepByStep:
         steps: N.
         subsystem: Whose states and inputs they are.
         w: Its weights in (26).
+        flies: The linear model is the model itself: the nominal states come from the same recursion; see `fly`.
     """
 
-    def __init__(self, steps: int, subsystem: Subsystem, w: Weights) -> None:
+    def __init__(self, steps: int, subsystem: Subsystem, w: Weights, *, flies: bool = False) -> None:
         n, m = len(subsystem.states), len(subsystem.inputs)
-        self._steps, self._velocities = steps, subsystem.own_velocities
-        self._R = np.tile(w.R, steps)
-        # Derivatives with respect to all inputs: of state k, and below them of input k itself, which are constant.
-        derivatives = np.zeros((steps + 1, n + m, m * steps))
-        derivatives[:-1, n:] = np.eye(m * steps).reshape(steps, m, m * steps)
-        self._G = G = derivatives[:, :n]
-        self._recursion = list(zip(derivatives[:-1], G[1:], strict=True))
+        self._velocities, self._R = subsystem.own_velocities, np.tile(w.R, steps)
+        # Derivatives with respect to all inputs: of state k, and below them of input k itself, which are constant. If
+        # it flies, the nominal states and inputs are a last column, and a last row has 1 for what acts on them.
+        derivatives = np.zeros((steps + 1, n + m + flies, m * steps + flies))
+        derivatives[:-1, n : n + m, : m * steps] = np.eye(m * steps).reshape(steps, m, m * steps)
+        derivatives[:, n + m :, -1] = 1.0
+        self._G = derivatives[:, :n, : m * steps]
+        self._flown, self._flown_inputs = derivatives[:, :n, -1], derivatives[:-1, n : n + m, -1]
+        self._recursion = list(zip(derivatives[:-1], derivatives[1:, :n], strict=True))
         # States before the first and after the last one with a weight have rows in S for the last stage only.
         weighted = np.flatnonzero(w.sqrt_Q)
         self._weighted = slice(weighted[0], weighted[-1] + 1) if weighted.size else slice(0)
@@ -112,12 +115,35 @@ class StepByStep:
         self._stages = self._S[:rows].reshape(steps - 1, len(self._root_Q), m * steps)
         self._stage_errors = self._error[:rows].reshape(steps - 1, len(self._root_Q))
 
+    def fly(self, ABf: Array, x0: Array, u: Array) -> Array:
+        """Fly x_{k+1} = A_k x_k + B_k u_k + f_k, and compute G on the way.
+
+        Args:
+            ABf: (N, n, n + m + 1) the matrices [A_k B_k f_k].
+            x0: (n,) first state.
+            u: (N, m) inputs.
+
+        Returns:
+            (N + 1, n) states: a view, valid until the next call.
+        """
+        self._flown[0], self._flown_inputs[...] = x0, u
+        self._respond(ABf)
+        return self._flown
+
+    def _respond(self, matrices: Array) -> None:
+        for M, (before, after) in zip(matrices, self._recursion, strict=True):
+            np.dot(M, before, out=after)
+
     def condense(self, x_nominal: Array, AB: Array | None, sqrt_Qf: Array) -> tuple[Array, Array]:
-        """Compute G and S = [sqrt_Q G; sqrt_Qf G_N]; return H = S'S + R and the velocity rows of G."""
-        assert AB is not None
+        """Compute G, unless it has just flown, and S = [sqrt_Q G; sqrt_Qf G_N].
+
+        Returns:
+            H = S'S + R, and the velocity rows of G.
+        """
         G, S, n = self._G, self._S, len(sqrt_Qf)
-        for AB_k, (before, after) in zip(AB, self._recursion, strict=True):
-            np.dot(AB_k, before, out=after)
+        if AB is not None:
+            unforced = len(self._recursion[0][0]) - AB.shape[2]
+            self._respond(np.pad(AB, ((0, 0), (0, 0), (0, 1))) if unforced else AB)
         np.multiply(G[1:-1, self._weighted], self._root_Q[:, None], out=self._stages)
         np.dot(sqrt_Qf, G[-1], out=S[-n:])
         H = S.T @ S

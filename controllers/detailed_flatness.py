@@ -1,5 +1,7 @@
 """States and inputs of the detailed model from the flat outputs and their derivatives up to the fifth."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from controllers.detailed_ltv import Disturbances
@@ -48,6 +50,53 @@ def detailed_reference(model: DetailedModel, flat: Array, acting: Disturbances) 
     x[:, 15] = yaw[2] - model.k_yaw * yaw[1] - acting.push[3]
     u[:, 3] = (x[:, 15] + model.yaw_lag * (yaw[3] - model.k_yaw * yaw[2])) / model.b_yaw
     return x, 0.5 * (u[:-1] + u[1:])
+
+
+CALM = Disturbances(np.zeros(2), np.zeros(2), np.zeros(4))
+"""Nothing acts."""
+_IN_PLANE = [CALM._replace(push=unit) for unit in np.eye(4)[:2]]
+_OTHERS = [
+    *(CALM._replace(push=unit) for unit in np.eye(4)[2:]),
+    *(CALM._replace(trim=unit) for unit in np.eye(2)),
+]
+
+
+class PreparedReference:
+    """The same reference, most of which is computed once for many samples: it is linear in what acts."""
+
+    def __init__(self, model: DetailedModel) -> None:
+        self._model = model
+        at_rest = np.zeros((HIGHEST_DERIVATIVE + 1, 2, 4))
+        still = self._stacked(at_rest, CALM)[0]
+        self._by_others = np.stack([self._stacked(at_rest, unit)[0] - still for unit in _OTHERS], axis=1)
+        """(20, 4) states and inputs per push upwards and in yaw, and per trim of pitch and roll."""
+
+    def prepare(self, flat: Array) -> Array:
+        """Return (k, 20, 3) states and inputs of each sample: without disturbances, and per push in x and y.
+
+        Args:
+            flat: (6, k, 4) flat outputs and their derivatives.
+        """
+        calm, *pushed = (self._stacked(flat, acting) for acting in (CALM, *_IN_PLANE))
+        return np.stack([calm, *(one - calm for one in pushed)], axis=-1)
+
+    def _stacked(self, flat: Array, acting: Disturbances) -> Array:
+        x, u = detailed_reference(self._model, flat, acting)
+        # The input of the last sample is not known: it is held from there on.
+        return np.concatenate([x, np.concatenate([u, u[-1:]])], axis=1)
+
+    def against(self, prepared: Array, acting: Disturbances) -> tuple[Array, Array]:
+        """Return states (N + 1, 16) and inputs (N, 4) against what acts, from the prepared samples (N + 1, 20, 3)."""
+        px, py, pz, p_yaw = acting.push
+        rows = (prepared.reshape(-1, 3) @ np.array([1.0, px, py])).reshape(-1, N_DETAILED + 4)
+        rows += self._by_others @ np.array([pz, p_yaw, *acting.trim])
+        return rows[:, :N_DETAILED], rows[:-1, N_DETAILED:]
+
+
+@lru_cache(8)
+def prepared_reference(model: DetailedModel) -> PreparedReference:
+    """Return the reference of a model."""
+    return PreparedReference(model)
 
 
 def _turns(yaw: Array) -> Array:

@@ -4,6 +4,7 @@ The linear model leaves out the same coupling as the paper's: horizontal motion 
 but does not depend on changes of it. Along a given heading it is linear, so that its matrices are exact.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,10 @@ class Disturbances(NamedTuple):
     """(2,) pitch and roll stick that the helicopter adds of its own, full stick."""
     push: Array
     """(4,) constant acceleration x y z (world, m/s^2) and yaw (rad/s^2)."""
+
+
+Fly = Callable[[Array, Array, Array], Array]
+"""Flies a linear model: gives states (N + 1, n) for [A B f] (N, n, n + m + 1), the first state and inputs (N, m)."""
 
 
 class DetailedLinearisation:
@@ -86,32 +91,26 @@ class DetailedLinearisation:
             chain[i] = after
         return chain.reshape(6 * n, -1)
 
-    def __call__(self, x0: Array, u: Array, acting: Disturbances) -> Ltv:
+    def __call__(self, x0: Array, u: Array, acting: Disturbances, fly: Fly | None = None) -> Ltv:
         """Simulate the nominal inputs and linearise along the result.
 
         Args:
             x0: (16,) newest state.
             u: (N, 4) nominal inputs.
             acting: Disturbances, of which the gust fades over the horizon.
+            fly: What flies the plane, as `StepByStep.fly`, which computes its response to the inputs on the way.
         """
         n, x = self._n, np.empty((self._n + 1, N_DETAILED))
         x[0] = x0
         pushes = (acting.push[2] - GRAVITY, acting.push[3])
         forced = self._chains @ np.concatenate([x0[HEIGHT_AND_YAW.states], pushes, u[:, 2:].ravel()])
         x[1:, HEIGHT_AND_YAW.states] = forced.reshape(n, 6)
-        AB, offsets = self._plane(x[:, 3], acting)
-        row = np.concatenate([x0[PLANE.states], u[0, :2]])
-        rows = np.empty((n + 1, 12))
-        rows[0, :10] = x0[PLANE.states]
-        rows[:-1, 10:] = u[:, :2]
-        for AB_k, f_k, row, after in zip(AB, offsets, rows[:-1], rows[1:, :10], strict=True):
-            np.dot(AB_k, row, out=after)
-            after += f_k
-        x[1:, PLANE.states] = rows[1:, :10]
-        return Ltv((AB, self._height_and_yaw), x, u)
+        ABf = self._plane(x[:, 3], acting)
+        x[:, PLANE.states] = (fly or _flown)(ABf, x0[PLANE.states], u[:, :2])
+        return Ltv((None if fly else ABf[..., :-1], self._height_and_yaw), x, u)
 
-    def _plane(self, yaw: Array, acting: Disturbances) -> tuple[Array, Array]:
-        """Matrices [A B] (N, 10, 12) and offsets (N, 10) of the horizontal motion along the headings (N + 1,)."""
+    def _plane(self, yaw: Array, acting: Disturbances) -> Array:
+        """Matrices [A B f] (N, 10, 13) of the horizontal motion along the headings (N + 1,)."""
         turns = self._turns
         half, middle = 0.5 * (yaw[1:] - yaw[:-1]), 0.5 * (yaw[1:] + yaw[:-1])
         np.cos(half, out=turns[:, 1])
@@ -119,10 +118,20 @@ class DetailedLinearisation:
         np.cos(middle, out=turns[:, 3])
         np.sin(middle, out=turns[:, 4])
         products = (turns[:, :, None] * turns[:, None, :]).reshape(len(turns), -1)
-        AB = (products @ self._turned).reshape(-1, 10, 12)
-        lasting = self._lasting @ np.concatenate([acting.trim, acting.push[:2]])
-        fading = self._fading @ acting.gust
-        return AB, products @ lasting.reshape(-1, 10) + self._decay * (products @ fading.reshape(-1, 10))
+        ABf = np.empty((len(turns), 10, 13))
+        ABf[..., :-1] = (products @ self._turned).reshape(-1, 10, 12)
+        lasting = (self._lasting @ np.concatenate([acting.trim, acting.push[:2]])).reshape(-1, 10)
+        fading = (self._fading @ acting.gust).reshape(-1, 10)
+        np.add(products @ lasting, (self._decay * products) @ fading, out=ABf[..., -1])
+        return ABf
+
+
+def _flown(ABf: Array, x0: Array, u: Array) -> Array:
+    """States (N + 1, n) of x_{k+1} = A_k x_k + B_k u_k + f_k."""
+    x = [x0]
+    for M, u_k in zip(ABf, u, strict=True):
+        x.append(M @ np.concatenate([x[-1], u_k, [1.0]]))
+    return np.stack(x)
 
 
 _N_TURNS = 5

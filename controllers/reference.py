@@ -1,5 +1,7 @@
 """Check a planned flight against the limits, and sample it ahead of the flight for the controller."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from controllers.errors import InfeasibleTrajectory
@@ -26,10 +28,20 @@ class ReferencePreview:
         period: Control period, ns.
         origin: One point of the grid, ns.
         highest: Highest time derivative of the flat outputs that the samples hold; 0 for states and inputs alone.
+        prepare: What a law makes of flat outputs (n + 1, k, 4), one row for each of k samples.
     """
 
-    def __init__(self, trajectory: Trajectory, model: Model, period: int, origin: int, highest: int = 0) -> None:
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        model: Model,
+        period: int,
+        origin: int,
+        highest: int = 0,
+        prepare: Callable[[Array], Array] | None = None,
+    ) -> None:
         self._trajectory, self._model = fitted(trajectory, model), model
+        self._prepare, self._prepared = prepare, np.empty(0)
         self._period, self._origin = period, origin
         self._first, self._x, self._u = 0, np.empty((0, 8)), np.empty((0, 4))
         self._highest, self._flat = highest, np.empty((highest + 1, 0, 4))
@@ -43,8 +55,10 @@ class ReferencePreview:
         if i < 0 or i + steps + 1 > len(self._x):
             self._fill(k, _BLOCK_SAMPLES + steps + 1)
             i = 0
-        flat = self._flat[:, i : i + steps + 1] if self._highest else None
-        return Reference(stamp, self._x[i : i + steps + 1], self._u[i : i + steps], flat)
+        rows = slice(i, i + steps + 1)
+        flat = self._flat[:, rows] if self._highest else None
+        prepared = self._prepared[rows] if self._prepare else None
+        return Reference(stamp, self._x[rows], self._u[i : i + steps], flat, prepared)
 
     def _fill(self, first: int, count: int) -> None:
         t = 1e-9 * np.maximum(self._origin + self._period * (first + np.arange(count)), 0)
@@ -52,6 +66,8 @@ class ReferencePreview:
         self._first, self._x, self._u = first, state(flat), feed_forward(self._model, flat)
         if self._highest:
             self._flat = derivatives(self._trajectory, t, self._highest)
+            if self._prepare:
+                self._prepared = self._prepare(self._flat)
 
 
 def with_flat(reference: Reference, model: Model, highest: int) -> Reference:

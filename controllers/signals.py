@@ -75,6 +75,9 @@ class Reference(NamedTuple):
     flat: Array | None = None
     """(n + 1, N + 1, 4) flat outputs x y z (world, m), yaw (rad) and their time derivatives up to the n-th, for a law
     that asks for them with `flat_derivatives`."""
+    prepared: Array | None = None
+    """(N + 1, ...) what the law's own `prepare` has made of the flat outputs, if it has one; not in references that a
+    supervisor has made."""
 
 
 class Plan(NamedTuple):

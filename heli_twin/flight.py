@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from controllers.errors import LawFailed
 from controllers.fallback import safe_hover
-from controllers.laws import closed_after, flat_derivatives
+from controllers.laws import closed_after, flat_derivatives, preview_of
 from controllers.markers import by_name
 from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, nanoseconds
@@ -80,7 +80,7 @@ class Flight:
         self.supervisor = e.supervisor.start(e.controller.model, e.controller.period)
         self.lead = nanoseconds(e.estimator.lead)
         self.model, self.derivatives = e.controller.model, flat_derivatives(e.controller)
-        self.preview = ReferencePreview(e.trajectory, self.model, self.period, self.lead, self.derivatives)
+        self.preview = preview_of(e.controller, e.trajectory, self.period, self.lead)
         # The flight may end between two control steps.
         self.planned = ReferencePreview(e.trajectory, e.controller.model, self.step, 0)
         self.others: Array = ALONE

@@ -5,7 +5,9 @@ from contextlib import contextmanager
 from typing import Protocol, runtime_checkable
 
 from controllers.model import Model
-from controllers.signals import Command, Estimate, NamedState, Reference
+from controllers.reference import ReferencePreview
+from controllers.signals import Array, Command, Estimate, NamedState, Reference
+from controllers.trajectories import Trajectory
 
 
 class Controller(Protocol):
@@ -85,6 +87,15 @@ class DerivativeReader(Protocol):
 
 
 @runtime_checkable
+class Prepares(DerivativeReader, Protocol):
+    """A law that computes ahead what it needs of flat outputs: for many samples at once, not in each control step."""
+
+    def prepare(self, flat: Array) -> Array:
+        """Return one row for each of the k samples of flat outputs (n + 1, k, 4); it becomes `Reference.prepared`."""
+        ...
+
+
+@runtime_checkable
 class HasExtraStates(Protocol):
     """A law or estimator whose plans or estimates have states beyond the physical ones."""
 
@@ -107,6 +118,12 @@ class StateReader(Protocol):
 def flat_derivatives(law: object) -> int:
     """Return the highest derivative of the flat outputs that a law reads; 0 for one that reads states and inputs."""
     return law.flat_derivatives if isinstance(law, DerivativeReader) else 0
+
+
+def preview_of(law: ControlLaw, trajectory: Trajectory, period: int, origin: int) -> ReferencePreview:
+    """Return the samples of a trajectory with all that a law reads of them; `period` and `origin` in ns."""
+    prepare = law.prepare if isinstance(law, Prepares) else None
+    return ReferencePreview(trajectory, law.model, period, origin, flat_derivatives(law), prepare)
 
 
 def extra_states(spec: object) -> tuple[NamedState, ...]:

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.condensed_qp import CondensedQp, Off, Weights, riccati_terminal_weight, sqrt_weight
-from controllers.detailed_flatness import HIGHEST_DERIVATIVE, detailed_reference
+from controllers.condensed_qp import CondensedQp, Off, StepByStep, Weights, riccati_terminal_weight, sqrt_weight
+from controllers.detailed_flatness import HIGHEST_DERIVATIVE, prepared_reference
 from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisation, Disturbances
 from controllers.detailed_model import ESTIMATED_STATES, EXTRA_STATES, N_DETAILED, DetailedModel
 from controllers.ltv import Ltv
@@ -69,6 +69,10 @@ class DetailedMpc:
         """Highest derivative of the flat outputs that it reads."""
         return HIGHEST_DERIVATIVE
 
+    def prepare(self, flat: Array) -> Array:
+        """Return what its control steps need of flat outputs (6, k, 4): (k, 20, 3)."""
+        return prepared_reference(self.model).prepare(flat)
+
     @property
     def estimated_states(self) -> tuple[NamedState, ...]:
         """The further states that it reads from estimates."""
@@ -94,26 +98,33 @@ class DetailedMpcController(RecedingHorizon):
     """The MPC of one flight, with its last plan."""
 
     def __init__(self, spec: DetailedMpc) -> None:
-        self._model = spec.model
+        self._reference = prepared_reference(spec.model)
         self._linearise = DetailedLinearisation(spec.model, spec.period, spec.steps)
         hover = spec.hover()
         Qf, self._gust_target = _terminal(spec)
         sqrt_Q = np.zeros(N_DETAILED)
         sqrt_Q[:8] = np.sqrt(spec.Q)
-        super().__init__(spec, (PLANE, HEIGHT_AND_YAW), Weights(sqrt_Q, np.array(spec.R), Qf), hover)
+        weights = Weights(sqrt_Q, np.array(spec.R), Qf)
+        self._plane = StepByStep(spec.steps, PLANE, weights.of(PLANE), flies=True)
+        super().__init__(spec, (PLANE, HEIGHT_AND_YAW), weights, hover, self._plane)
         self._decay = self._linearise.gust_decay**spec.steps
+
+    def _samples(self, reference: Reference) -> Array:
+        if reference.prepared is not None:
+            return reference.prepared
+        assert reference.flat is not None
+        return self._reference.prepare(reference.flat)
 
     def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
         """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
-        assert reference.flat is not None
         extra = estimate.extra
         gust = extra[8:10]
         push = estimate.disturbance.copy()
         push[:2] -= gust
         acting = Disturbances(gust, extra[10:12], push)
-        x_ref, u_ref = detailed_reference(self._model, reference.flat, acting)
+        x_ref, u_ref = self._reference.against(self._samples(reference), acting)
         u_nominal = self.nominal(u_ref)
-        ltv = self._linearise(np.concatenate([estimate.x, extra[:8]]), u_nominal, acting)
+        ltv = self._linearise(np.concatenate([estimate.x, extra[:8]]), u_nominal, acting, self._plane.fly)
         x_off, yaw = ltv.x_nominal - x_ref, float(ltv.x_nominal[-1, 3])
         without_turns(x_off)
         # The terminal weight holds at yaw = 0: positions are turned into the body frame at the end of the horizon.
@@ -142,7 +153,9 @@ def _terminal(spec: DetailedMpc) -> tuple[Array, Array]:
     weight[:10, :10] = np.diag(Q[PLANE.states])
     P = riccati_terminal_weight(A, B, weight, np.diag(spec.R[:2]))
     root[np.ix_(PLANE.states, PLANE.states)] = sqrt_weight(P[:10, :10])
-    AB, n = hover.parts[1][0], len(HEIGHT_AND_YAW.states)
+    _, low_AB = hover.parts
+    assert low_AB is not None
+    AB, n = low_AB[0], len(HEIGHT_AND_YAW.states)
     low = riccati_terminal_weight(AB[:, :n], AB[:, n:], np.diag(Q[HEIGHT_AND_YAW.states]), np.diag(spec.R[2:]))
     root[np.ix_(HEIGHT_AND_YAW.states, HEIGHT_AND_YAW.states)] = sqrt_weight(low)
     of_gust = np.asarray(np.linalg.solve(P[:10, :10], P[:10, 10:]), np.float64)
@@ -153,7 +166,9 @@ def _terminal(spec: DetailedMpc) -> tuple[Array, Array]:
 
 def _with_gust(hover: Ltv, linearise: DetailedLinearisation) -> tuple[Array, Array]:
     """The plane's matrices (12, 12) and (12, 2) at yaw = 0 with the gust x y as two more states."""
-    AB = hover.parts[0][0]
+    plane, _ = hover.parts
+    assert plane is not None
+    AB = plane[0]
     A, B = np.zeros((12, 12)), np.zeros((12, 2))
     A[:10, :10], B[:10] = AB[:, :10], AB[:, 10:]
     A[:10, 10:] = linearise.gust_response

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from controllers.flatness import state
-from controllers.laws import StateReader, closed_after, extra_states, flat_derivatives
+from controllers.laws import StateReader, closed_after, extra_states, preview_of
 from controllers.model import Model
 from controllers.reference import ReferencePreview
 from controllers.signals import NO_STATES, Array, Command, Estimate, Plan, Reference, nanoseconds
@@ -25,7 +25,7 @@ def _hover_steps(law: Any, count: int = 40) -> tuple[list[Array], list[tuple[Est
 
 def _steps_of(controller: Any, law: Any, count: int) -> tuple[list[Array], list[tuple[Estimate, Reference]]]:
     period = nanoseconds(law.period)
-    preview = ReferencePreview(Hover(), law.model, period, 0, flat_derivatives(law))
+    preview = preview_of(law, Hover(), period, 0)
     plant = Ideal(step=law.period).start(state(Hover().flat(np.zeros(1)))[0])
     # What the law reads beyond the physical states is at rest.
     reader: object = law

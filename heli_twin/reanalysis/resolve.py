@@ -18,9 +18,9 @@ from threadpoolctl import threadpool_limits
 
 from controllers.errors import LawFailed
 from controllers.fallback import safe_hover
-from controllers.laws import Controller, closed_after, flat_derivatives
+from controllers.laws import Controller, closed_after, flat_derivatives, preview_of
 from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
-from controllers.reference import ReferencePreview, with_flat
+from controllers.reference import with_flat
 from controllers.signals import Array, Command, Estimate, Pose, QpReport, Reference, nanoseconds
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
@@ -131,7 +131,7 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
 def _answers_of(controller: Controller, log: Log, experiment: Experiment) -> Iterator[Command]:
     law = experiment.controller
     period, lead, highest = nanoseconds(law.period), nanoseconds(experiment.estimator.lead), flat_derivatives(law)
-    preview = ReferencePreview(experiment.trajectory, law.model, period, lead, highest)
+    preview = preview_of(law, experiment.trajectory, period, lead)
     supervisor = experiment.supervisor.start(law.model, law.period)
     statuses = dict(zip(log.qp.time.tolist(), log.qp.status.tolist(), strict=True))
     sent = dict(zip(log.sent.time.tolist(), log.sent.u, strict=True))

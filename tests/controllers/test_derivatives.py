@@ -106,6 +106,9 @@ def test_a_preview_holds_the_derivatives_of_its_times(highest: int, first: int, 
     wanted = Circle().derivatives(0.02 * np.arange(first, first + steps + 1), highest)
     np.testing.assert_allclose(reference.flat, wanted, atol=1e-12)
     assert ReferencePreview(Circle(), Model(), period, 0)(0, 3).flat is None
+    ahead = ReferencePreview(Circle(), Model(), period, 0, highest, lambda flat: flat[1])(first * period, steps)
+    assert ahead.prepared is not None
+    np.testing.assert_allclose(ahead.prepared, wanted[1], atol=1e-12)
 
 
 def test_a_reference_of_a_supervisor_gets_the_flat_outputs_of_its_states_and_inputs() -> None:

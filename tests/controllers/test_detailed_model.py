@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from whole_model import whole
 
-from controllers.detailed_flatness import HIGHEST_DERIVATIVE, detailed_reference
+from controllers.condensed_qp import StepByStep, Weights
+from controllers.detailed_flatness import HIGHEST_DERIVATIVE, PreparedReference, detailed_reference
 from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisation, Disturbances
 from controllers.detailed_model import N_DETAILED, DetailedModel, exponential
 from controllers.model import GRAVITY, Model, simulator
@@ -156,3 +157,31 @@ def test_a_papers_model_gets_the_defaults_of_the_detailed_one() -> None:
     detailed = DetailedModel.of(Model(b_x=1.7))
     assert (detailed.b_x, detailed.servo_lag) == (1.7, 0.03)
     assert DetailedModel.of(MODEL) is MODEL
+
+
+def test_the_prepared_reference_is_the_reference() -> None:
+    flat = derivatives(Lemniscate(), np.linspace(0.0, 3.0, 40), HIGHEST_DERIVATIVE)
+    reference = PreparedReference(MODEL)
+    prepared = reference.prepare(flat)
+    # Linear in what acts, sample by sample: rounding of up to 1000 m/s^4 in the servo's rate.
+    for found, wanted in zip(
+        reference.against(prepared[5:20], ACTING), detailed_reference(MODEL, flat[:, 5:20], ACTING), strict=True
+    ):
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10)
+
+
+def test_the_recursion_flies_what_the_linear_model_says() -> None:
+    x0, u = some_flight(2.0)
+    weights = Weights(np.arange(16.0), np.ones(4), np.eye(16)).of(PLANE)
+    recursion = StepByStep(len(u), PLANE, weights, flies=True)
+    linearise = DetailedLinearisation(MODEL, 0.02, len(u))
+    ltv, flown = linearise(x0, u, ACTING), linearise(x0, u, ACTING, recursion.fly)
+    np.testing.assert_allclose(flown.x_nominal, ltv.x_nominal, rtol=0, atol=1e-12)
+    one = recursion.condense(flown.x_nominal, None, weights.sqrt_Qf)
+    other = StepByStep(len(u), PLANE, weights).condense(ltv.x_nominal, ltv.parts[0], weights.sqrt_Qf)
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * np.abs(b).max())
+    more = u.copy()
+    more[:, :2] += 0.01 * RNG.standard_normal((len(u), 2))
+    again = linearise(x0, more, ACTING).x_nominal - ltv.x_nominal
+    np.testing.assert_allclose(recursion.states(more[:, :2] - u[:, :2]), again[:, PLANE.states], rtol=0, atol=1e-12)
