@@ -225,3 +225,21 @@ def test_a_delay_has_the_half_width_of_a_shifted_sine():
     assert width == pytest.approx(2.18 * 0.05 / (6.0 / np.sqrt(2.0) * 20.0), rel=0.5)
     assert answer.delay.value == pytest.approx(0.1, abs=2 * width)
     assert [len(residual) for residual in answer.residual] == [400]
+
+
+def test_a_lag_that_is_held_at_zero_makes_the_delay_no_less_certain():
+    """Its slope is 0.9 correlated with that of the delay: as an unknown, it would widen the interval 2.3 times."""
+    t = 0.1 * np.arange(400)
+    slope = -3.0 * np.cos(3.0 * (t - 0.1))
+    lagging = 0.9 * slope + np.sqrt(1.0 - 0.81) * 3.0 * np.cos(5.0 * t)
+
+    def acting(delay, lag):
+        return np.sin(3.0 * (t - delay)) + lag * lagging
+
+    noise = np.random.default_rng(0).normal(0.0, 0.05, 400)
+    accel = 2.0 * (acting(0.1, 0.0) - 0.2 * 3.0 * np.cos(5.0 * t)) + noise
+    answer = fit_axis("x", [Stretch("flight", t, {"x": Equation(accel, acting, None, np.ones((400, 1)))})])
+    assert answer.lag == 0.0
+    width = 0.5 * (answer.delay.high - answer.delay.low)
+    left = answer.residual[0].std()
+    assert width == pytest.approx(2.18 * left / (6.0 / np.sqrt(2.0) * 20.0), rel=0.6)

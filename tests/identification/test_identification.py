@@ -69,17 +69,37 @@ def misses(result, model=MODEL):
     return {name: p.value / getattr(model, name) - 1.0 for name, p in result.parameters.items()}
 
 
-def test_a_quaternion_of_any_length_is_the_same_attitude():
+@pytest.mark.parametrize("lean", [[np.sin(0.2), 0.0], [0.0, np.sin(0.2)]], ids=["roll", "pitch"])
+@pytest.mark.parametrize("length", [2.0, 0.12])
+def test_a_quaternion_of_any_length_is_the_same_attitude(lean, length):
     log = flown(2, seconds=8.0)
-    log.pose.quat_wxyz[:] = [np.cos(0.2), np.sin(0.2), 0.0, 0.0]
-    long = SimpleNamespace(
-        pose=SimpleNamespace(**vars(log.pose) | {"quat_wxyz": 2 * log.pose.quat_wxyz}), sent=log.sent
+    log.pose.quat_wxyz[:] = [np.cos(0.2), *lean, 0.0]
+    other = SimpleNamespace(
+        pose=SimpleNamespace(**vars(log.pose) | {"quat_wxyz": length * log.pose.quat_wxyz}), sent=log.sent
     )
-    (one,), (other,) = stretches(log, "one"), stretches(long, "other")
-    np.testing.assert_allclose(other.axes["z"].input(0.0, 0.0), one.axes["z"].input(0.0, 0.0), rtol=1e-12)
+    (one,), (scaled,) = stretches(log, "one"), stretches(other, "other")
+    np.testing.assert_allclose(scaled.axes["z"].input(0.0, 0.0), one.axes["z"].input(0.0, 0.0), rtol=1e-12)
     # Leaning by 0.4 rad, cos(0.4) of the thrust lifts.
     level = next(stretches(flown(2, seconds=8.0), "level")).axes["z"].input(0.0, 0.0)
     np.testing.assert_allclose(one.axes["z"].input(0.0, 0.0), np.cos(0.4) * level, rtol=1e-9)
+
+
+def test_a_tilt_pushes_in_proportion_to_the_thrust_over_its_mean():
+    log = flown(seconds=9.0)
+    log.sent.u[:, 0] = 0.1
+    # The poses from 1 s on count: half of the time at each thrust.
+    log.sent.u[:, 2] = np.where(log.sent.time < 5e9, 0.4, 0.6)
+    (stretch,) = stretches(log, "steps")
+    pushed = stretch.axes["x"].input(0.0, 0.0)
+    assert pushed[[0, -1]] == pytest.approx([0.1 * 0.4 / 0.5, 0.1 * 0.6 / 0.5], rel=3e-3)
+
+
+def test_the_second_after_the_first_command_is_left_out_whenever_it_is():
+    log = flown(seconds=9.0)
+    # The times of the commands are a view of those of the poses.
+    log.pose.stamp += 10_000_000_000
+    (late,), (early,) = stretches(log, "late"), stretches(flown(seconds=9.0), "early")
+    assert late.time[0] == pytest.approx(early.time[0] + 10.0, abs=0.011)
 
 
 @pytest.mark.parametrize("model", [MODEL, OTHER])
