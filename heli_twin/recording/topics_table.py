@@ -1,4 +1,4 @@
-"""The README's table of topics, made from the `.proto` file and the schema."""
+"""The guide's table of topics, made from the `.proto` file and the schema."""
 
 import re
 from collections.abc import Iterator

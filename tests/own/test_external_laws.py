@@ -33,7 +33,7 @@ from heli_twin.flight import Flight
 from heli_twin.mission import Result
 from heli_twin.recording import Recorder
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+GUIDE = (Path(__file__).parents[2] / "heli_twin/guide/external-laws.md").read_text(encoding="utf-8")
 SHORT = ["duration=0.6", "trajectory=hover", "controller=external"]
 COMPILE = ("-O2", "-ffp-contract=off")
 
@@ -60,14 +60,14 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def example(language: str) -> str:
-    """The example of the README in a language."""
-    blocks = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    """The example of the guide in a language."""
+    blocks = re.findall(rf"```{language}\n(.*?)```", GUIDE, re.DOTALL)
     return next(block for block in blocks if "Our PID as a program" in block)
 
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The C example of the README, compiled."""
+    """The C example of the guide, compiled."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
         pytest.skip("there is no C compiler")

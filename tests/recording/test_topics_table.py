@@ -1,4 +1,4 @@
-"""The contract for people: every field says its unit and frame, and the README says every topic."""
+"""The contract for people: every field says its unit and frame, and the guide says every topic."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from heli_twin.recording import flight_pb2 as pb
 from heli_twin.recording.schema import FORMAT, TOPICS
 from heli_twin.recording.topics_table import Field, about, fields, topics_table
 
-README = Path(heli_twin.recording.__file__).parents[2] / "README.md"
+PAGE = Path(heli_twin.recording.__file__).parents[1] / "guide" / "logs.md"
 UNITS = {
     "V",
     "A",
@@ -48,9 +48,9 @@ def test_every_topic_is_described() -> None:
     assert set(about()) == {topic.name for topic in TOPICS}
 
 
-def test_readme_holds_the_table_of_topics() -> None:
-    readme = README.read_text(encoding="utf-8")
-    table = re.search("<!-- topics -->\n(.*)\n<!-- /topics -->", readme, re.DOTALL)
-    assert table, "README.md has lost its <!-- topics --> and <!-- /topics --> marks"
+def test_the_guide_holds_the_table_of_topics() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    table = re.search("<!-- topics -->\n(.*)\n<!-- /topics -->", page, re.DOTALL)
+    assert table, "guide/logs.md has lost its <!-- topics --> and <!-- /topics --> marks"
     assert table[1] == topics_table(), "put what `python -m heli_twin.recording.topics_table` prints between the marks"
-    assert f"Log format {FORMAT}:" in readme
+    assert f"Log format {FORMAT}:" in page
