@@ -38,13 +38,14 @@ FOREIGN = {"cc", "dask", "pip", "python3", "rerun", "duckdb", "ssh"}
 """Other programs on the pages; set-up, or run by the tests of external laws and of TLS."""
 SLOW = (
     *("study run", "study report", "paper", "tune", "margins", "identify", "calibrate", "validate", "plot", "snapshot"),
-    *("replay", "check"),
+    *("replay", "check", "film"),
 )
 """Commands that are only read here, with all they name: they fly much, draw, or need a viewer."""
 QUICK = ("calibrate --card",)
 EXAMPLES = re.compile(r"(COMMAND|TOPIC|STUDY|NAME|HERE|CLASS|FILE|FILE\.toml)\b")
 """Words that a reader replaces."""
-COURSE_S = 0.1
+COURSE_S, WHOLE_S = 0.1, 13.0
+"""Duration of the flights, and where slow commands run: longer than any moment that a page names."""
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -115,13 +116,15 @@ def shorten(set_attribute: Callable[[object, str, object], None]) -> None:
 @pytest.fixture(scope="session")
 def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files, made once."""
-    folder = tmp_path_factory.mktemp("guide")
-    with pytest.MonkeyPatch.context() as patch:
-        shorten(patch.setattr)
-        for number, name in enumerate(("RUN", "A", "B", "C")):
-            flown = mission.fly(Experiment(seed=number), log_dir=folder / "logs").path
-            assert flown is not None
-            flown.rename(folder / f"{name}.mcap")
+    return files_in(tmp_path_factory.mktemp("guide"), COURSE_S)
+
+
+def files_in(folder: Path, duration: float) -> Path:
+    """Make the files that the pages name, with flights of this duration, s."""
+    for number, name in enumerate(("RUN", "A", "B", "C")):
+        flown = mission.fly(Experiment(seed=number, duration=duration), log_dir=folder / "logs").path
+        assert flown is not None
+        flown.rename(folder / f"{name}.mcap")
     shutil.copy(folder / "RUN.mcap", folder / "logs" / "RUN.mcap")
     (folder / "LOST.mcap.part").write_bytes((folder / "A.mcap").read_bytes()[:-3000])
     for name in ("my_law.py", "my_design.py"):
@@ -251,9 +254,9 @@ def panels(tree: object) -> Iterator[str]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("page", PAGES)
-def test_slow_commands_of_a_page_run_too(page: str, ready: Path, tmp_path: Path) -> None:
+def test_slow_commands_of_a_page_run_too(page: str, tmp_path: Path) -> None:
     """As processes; studies, the paper and tuning are cut short, and viewers are not opened."""
-    shutil.copytree(ready, tmp_path / "place")
+    place = files_in(tmp_path / "place", WHOLE_S)
     shorter = {"study run": ["replicates=1", "duration=2.2", "--workers", "2"], "paper": ["--seeds", "1"]}
     shorter |= {"tune": ["--budget", "1"]}
     for line in ours(page):
@@ -262,5 +265,5 @@ def test_slow_commands_of_a_page_run_too(page: str, ready: Path, tmp_path: Path)
             continue
         extra = next((words for start, words in shorter.items() if command.startswith(start)), [])
         words = " ".join([sys.executable, "-m", "heli_twin", command, *extra])
-        done = subprocess.run(words, shell=True, cwd=tmp_path / "place", capture_output=True, text=True, check=False)
+        done = subprocess.run(words, shell=True, cwd=place, capture_output=True, text=True, check=False)
         assert done.returncode in (0, 1), f"{words}: {done.stderr[-500:]}"
