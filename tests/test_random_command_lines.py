@@ -11,7 +11,7 @@ from heli_twin.cli import main
 from heli_twin.errors import HeliTwinError
 
 COMMANDS = ["export", "fly", "identify", "import", "info", "paper", "recover", "reestimate", "refly", "replay"]
-COMMANDS += ["resolve", "show", "snapshot", "study", "trajectories", "tune"]
+COMMANDS += ["compare", "film", "ls", "plot", "resolve", "show", "snapshot", "study", "trajectories", "tune"]
 ACTIONS = ["run", "status", "report", "worst", "fly", "list"]
 OPTIONS = ["--json", "--no-log", "--log-dir", "--rerun", "--save", "--out", "--at", "--size", "--budget", "--seeds"]
 OPTIONS += [
@@ -97,6 +97,8 @@ def _doors(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "heli_twin.studies.campaign.run_study",
         "heli_twin.viewing.show.ShownFlights.show",
         "heli_twin.viewing.show.picture",
+        "heli_twin.plots.figure._drawn",
+        "heli_twin.films.film.Renderer",
     ):
         monkeypatch.setattr(work, refuse)
 

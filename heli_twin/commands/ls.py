@@ -180,6 +180,8 @@ def _cell(row: "LogRow", name: str, folder: Path | None, *, together: bool) -> s
             return f"{path}\n{_cell(row, 'changes', folder, together=False)}" if together else path
         case "started":
             return (facts["started"] or MISSING)[:19].replace("T", " ")
+        case "flown" if facts.get("origin", "flight") != "flight":
+            return {"import": "imported poses", "resolve": "solved again"}.get(facts["origin"], MISSING)
         case "flown":
             return " ".join(kind for kind in (facts["trajectory"], facts["controller"]) if kind) or MISSING
         case "changes":

@@ -21,7 +21,7 @@ MOST_PATH_POINTS, MOST_TRAIL_POINTS = 200, 50
 ROTOR_RATE_REV_S = 1.7
 """Speed of the drawn rotors: slow enough to see them turn."""
 FOLLOW_M, FOLLOW_SMOOTHING_S, NEAREST_M = 0.9, 0.6, 0.8
-AZIMUTH_DEG, ELEVATION_DEG = -30.0, -22.0
+AZIMUTH_DEG, ELEVATION_DEG = -30.0, -26.0
 REFERENCE_COLOR, PLAN_COLOR = "#1a1a1a", "#8c2699"
 """Black, and a purple that no flight has."""
 BODY_M = 0.12

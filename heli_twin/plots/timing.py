@@ -18,16 +18,22 @@ def lacks(shown: Sequence[Run]) -> str:
     return f"{empty.name or 'the log'} has no measured times" if empty else ""
 
 
+def _rows(shown: Sequence[Run]) -> list[tuple[str, str]]:
+    """What was measured: a law without a solver has no time of one."""
+    return [row for row in ROWS if any((getattr(run.log.timing, row[0]) > 0).any() for run in shown)] or [ROWS[0]]
+
+
 def height(shown: Sequence[Run], width: float) -> float:
     """Inches."""
-    return 3.6 if width >= NARROW_INCHES else 6.4
+    return (1.8 if width >= NARROW_INCHES else 3.2) * len(_rows(shown)) + 0.2
 
 
 def draw(part: Any, shown: Sequence[Run], width: float) -> None:
     """Draw it into a part of a figure."""
     wide = width >= NARROW_INCHES
-    places = part.subplots(2, 2, squeeze=False) if wide else part.subplots(4, 1, squeeze=False).reshape(2, 2)
-    for (field, name), (over_time, shares) in zip(ROWS, places, strict=True):
+    rows = _rows(shown)
+    places = part.subplots(*((len(rows), 2) if wide else (2 * len(rows), 1)), squeeze=False).reshape(-1, 2)
+    for (field, name), (over_time, shares) in zip(rows, places, strict=True):
         for run in shown:
             time = 1e-9 * run.log.timing.time
             kept = run.shown(time)

@@ -99,6 +99,7 @@ def test_a_notebook_shows_it(log: Log) -> None:
 def test_an_imported_recording_is_drawn_by_the_cameras(log: Log) -> None:
     seen = replace(log, messages={t: m for t, m in log.messages.items() if t in ("/mocap/pose", "/events")})
     assert len(curve(plot(seen), 0, "by the cameras")) == len(np.unique(log.pose.stamp))
+    assert len(plot(seen).axes) == 4, "without a reference there is no error"
     with pytest.raises(HeliTwinError, match="no truth"):
         plot(seen, what="estimate")
     assert plot(seen, what="all").axes
