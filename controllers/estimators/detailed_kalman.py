@@ -111,6 +111,9 @@ class DetailedKalmanFilter:
         self.innovation: tuple[Array, Array] | None = None
         """Of the last pose that was compared with a prediction, fused or refused: measured minus predicted x y z yaw
         (4,), and its variance (4,)."""
+        self.tilt_innovation: tuple[Array, Array] | None = None
+        """Of the last pose, if it was fused: measured minus predicted acceleration by tilt, ahead and to port, m/s^2
+        (2,), and its variance (2,)."""
 
     def command_sent(self, now: int, u: Array) -> None:
         """Remember the input u (4,) decided at `now` (ns): it acts `command_delay` later."""
@@ -118,7 +121,7 @@ class DetailedKalmanFilter:
 
     def receive(self, now: int, pose: Pose) -> None:
         """Fuse a pose at its capture time; one that is stale, non-finite, frozen or outside the gate is refused."""
-        self.innovation = None
+        self.innovation = self.tilt_innovation = None
         yaw = heading(pose.quat_wxyz)
         if not isfinite(yaw + float(pose.position.sum())) or pose.stamp <= self._stamp:
             self._rejected += 1
@@ -217,6 +220,7 @@ class DetailedKalmanFilter:
         S_ = S_ - K[:, :, None] * seen[:, None, :]
         tilt = turned @ (GRAVITY * tilt_of(quat_wxyz)) - motion.plane[:, A] - change[:, _A]
         variance = S_[:, _A, _A] + self._tilt_variance
+        self.tilt_innovation = tilt, variance
         if (tilt * tilt <= 4.0 * self._spec.gate * variance).all():
             K = S_[:, :, _A] / variance[:, None]
             change += K * tilt[:, None]

@@ -173,7 +173,7 @@ def as_toml(calibrated: Calibrated, command: str = "") -> str:
     for name, (value, source) in _model(p).items():
         k = known[source]
         lines.append(f"{name} = {value:.6g}  # {source} {k.low:.5g} to {k.high:.5g} {k.unit}")
-    noises = dict(zip(noise.COMPONENTS, np.exp(calibrated.fit.state.eta).tolist(), strict=True))
+    noises: dict[str, float] = dict(zip(noise.COMPONENTS, np.exp(calibrated.fit.state.eta).tolist(), strict=True))
     lines.append("# what a detailed law may believe too; other laws leave it out")
     lines += [f"{name} = {value:.6g}" for name, value in _details(p, noises).items()]
     lines += ["", "[estimator]", f"command_delay = {max(p['delay'], 0.0):.6g}"]

@@ -98,10 +98,10 @@ def envelope_in(source: str | None) -> Envelope | None:
 
 def _range(path: str, name: str, value: Any) -> Any:
     count = _LENGTHS.get(name)
-    numbers = value if isinstance(value, list) else [value]
+    numbers: list[Any] = value if isinstance(value, list) else [value]
     are_numbers = all(type(n) in (int, float) and math.isfinite(n) for n in numbers)
     if not are_numbers or isinstance(value, list) != bool(count) or len(numbers) != (count or 1):
         raise ExperimentError(
             f"{path} = {clean(value, 60)}: write {f'a list of {count} numbers' if count else 'a number'}"
         )
-    return tuple(map(float, numbers)) if count else float(value)
+    return tuple(map(float, numbers)) if count else float(numbers[0])

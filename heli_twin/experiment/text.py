@@ -83,7 +83,10 @@ def _is_of_another_law(tree: Tree, path: str) -> bool:
     A calibration says what any law may believe of its helicopter, and each takes what its model has.
     """
     *tables, name = path.split(".")
-    known = {("controller", "model"): fields_of(DetailedModel), ("estimator",): ("command_delay", "gust_time")}
+    known: dict[tuple[str, ...], Iterable[str]] = {
+        ("controller", "model"): fields_of(DetailedModel),
+        ("estimator",): ("command_delay", "gust_time"),
+    }
     here: Any = tree
     for table in tables:
         here = here.get(table, {}) if isinstance(here, dict) else {}

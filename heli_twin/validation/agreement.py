@@ -30,7 +30,7 @@ class Agreement(NamedTuple):
     """Root mean square that gusts and cameras alone give a right twin."""
     ratio: float
     """Root mean square of the errors, each by its expected deviation: about 1 for a right twin."""
-    count: int
+    pieces: int
 
     def plain(self) -> dict[str, Any]:
         """The same for JSON; None where there is no number."""

@@ -95,7 +95,7 @@ def _forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
     mean = np.stack([window.future(r) for window, r in zip(windows, residual, strict=True)])
     ahead, seen = slice(HISTORY_BINS, None), problem.present[..., None]
     return Forecast(
-        pieces.origin + STEP_S * pieces.windows.first + HISTORY_BINS * BIN_S,
+        np.asarray(pieces.origin + STEP_S * pieces.windows.first + HISTORY_BINS * BIN_S, np.float64),
         np.where(seen, problem.y, np.nan)[:, ahead],
         predicted[:, ahead] + mean,
         np.sqrt([window.variance() for window in windows]),
@@ -182,4 +182,4 @@ def _block(channels: tuple[int, ...], inverse: Array, by_start: Array) -> tuple[
     history = inverse[np.ix_(past, past)] - inverse[np.ix_(past, ~past)] @ cross
     weighed = by_start[past].T @ history
     ahead = by_start[~past] + cross @ by_start[past]
-    return _Block(channels, weighed, cross, ahead, np.diag(future).copy()), weighed @ by_start[past]
+    return _Block(channels, weighed, cross, ahead, np.asarray(np.diag(future), np.float64)), weighed @ by_start[past]

@@ -125,7 +125,7 @@ def _plain(side: Side) -> dict[str, Any]:
 def limit(a: Agreement, horizon: float) -> float:
     """Return the ratio of an error to the expected one that a right twin hardly reaches."""
     # Predictions that begin every second overlap.
-    free = max(a.count / max(horizon, 1.0), 1.0)
+    free = max(a.pieces / max(horizon, 1.0), 1.0)
     return SLACK * float(np.sqrt(chi2.ppf(CERTAIN, free) / free))
 
 

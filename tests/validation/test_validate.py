@@ -86,7 +86,7 @@ def test_poses_that_are_missing_are_left_out():
     holes = made(np.full(10, 0.1))
     holes.flown[::2] = np.nan
     a = agreements(holes)[2.0]["x"]
-    assert a.count == 5
+    assert a.pieces == 5
     assert a.rms == pytest.approx(0.1)
     holes.flown[:] = np.nan
     with np.errstate(all="ignore"), pytest.warns(RuntimeWarning):
