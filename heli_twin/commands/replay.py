@@ -30,6 +30,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin replay logs/RUN.mcap --save flight.rrd\n"
         "  heli-twin replay logs/A.mcap logs/B.mcap --tab inputs\n"
         "  heli-twin replay logs/studies/mass           # every flight of a study\n"
+        "  heli-twin replay logs/RUN.mcap --ghost calibration.toml   # beside what the twin predicts\n"
         "  heli-twin replay logs/RUN.mcap --connect\n"
         "  heli-twin replay logs/RUN.mcap --web        # in a browser, also over SSH",
     )
@@ -44,8 +45,20 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--port", type=int, default=WEB_PORT, metavar="N", help=f"of --web; N + 1 is used too (default {WEB_PORT})"
     )
+    add_ghost(parser)
     parser.add_argument(
         "--tab", default="", metavar="NAME", help="the plots in front, as `heli-twin snapshot` has them"
+    )
+
+
+def add_ghost(parser: ArgumentParser) -> None:
+    """Add `--ghost`."""
+    parser.add_argument(
+        "--ghost",
+        default="",
+        metavar="calibration.toml",
+        help="of one log: what this twin predicts, translucent; every two seconds it starts again from the poses, and"
+        " flies by the sent commands alone",
     )
 
 
@@ -56,6 +69,10 @@ def run(parsed: Namespace) -> int:
     if len(parsed.logs) > 2 or any(path.is_dir() for path in parsed.logs):
         return show_table(parsed)
     shown = flights(parsed.logs)
+    if parsed.ghost:
+        from heli_twin.validation.ghost import with_ghost
+
+        shown = with_ghost(shown, parsed.ghost)
     if parsed.web:
         with in_browser(shown, web_port(parsed.port), parsed.tab) as server:
             tell_web_address(parsed.port)

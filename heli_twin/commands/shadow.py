@@ -29,7 +29,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "event when what the cameras see leaves its band: a rotor, the battery, a servo, the gyro or the load has\n"
         "changed. The first six seconds of each flight tell what is normal that day. The band is such that a sound\n"
         "helicopter leaves it --rate times an hour; --quiet learns it from flights that are known to be sound.\n"
-        "On a pipe, the first line is `heli_twin 1`; then a line of 5 numbers is a command, as an external law answers\n"
+        "On a pipe, the first line is `heli_twin 1`. A line of 5 numbers is a command, as an external law answers\n"
         "it (time ns, pitch, roll, thrust, yaw), and one of 8 a pose (capture time ns, x y z in m, attitude w x y z).\n"
         "Exit code: 0 nothing has changed, 1 something has, 2 a mistake in what was asked for.",
         "  heli-twin shadow today.mcap calibration.toml\n"

@@ -5,6 +5,7 @@ import re
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 
 from heli_twin.commands import command, file_path, say
+from heli_twin.commands.replay import add_ghost
 from heli_twin.errors import HeliTwinError
 
 MIN_SIZE_PX = 640, 400
@@ -24,7 +25,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "but a driver that draws: on Debian and Ubuntu `apt install mesa-vulkan-drivers`.",
         "  heli-twin snapshot logs/RUN.mcap --at 12.3 flight.png\n"
         "  heli-twin snapshot logs/A.mcap logs/B.mcap compared.png --at 12.3 --size 1920x1080\n"
-        "  heli-twin snapshot logs/RUN.mcap sticks.png --tab inputs",
+        "  heli-twin snapshot logs/RUN.mcap sticks.png --tab inputs\n"
+        "  heli-twin snapshot logs/RUN.mcap ghost.png --ghost calibration.toml --at 12.3 --tab difference",
     )
     parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin recorded")
     parser.add_argument(
@@ -33,6 +35,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument("picture", type=file_path, metavar="PICTURE.png", help="the file to write")
     parser.add_argument("--at", type=float, metavar="SECONDS", help="simulated time (default: the end of the flight)")
     parser.add_argument("--size", type=_size, default="1600x900", metavar="WxH", help="pixels (default 1600x900)")
+    add_ghost(parser)
     parser.add_argument(
         "--tab",
         default="",
@@ -49,6 +52,10 @@ def run(parsed: Namespace) -> int:
     if not parsed.picture.parent.is_dir():
         raise HeliTwinError(f"cannot write {parsed.picture}: there is no folder {parsed.picture.parent}")
     shown = flights([path for path in (parsed.log, parsed.other) if path])
+    if parsed.ghost:
+        from heli_twin.validation.ghost import with_ghost
+
+        shown = with_ghost(shown, parsed.ghost)
     snapshot(shown, parsed.picture, at=parsed.at, size=parsed.size, tab=parsed.tab)
     say(f"wrote {parsed.picture}")
     return 0

@@ -48,10 +48,10 @@ def agreements(forecast: Forecast) -> dict[float, dict[str, Agreement]]:
 def _agreement(forecast: Forecast, horizon: float, channel: int) -> Agreement:
     at = round(horizon / BIN_S) - 1
     flown, predicted = forecast.flown[:, at, channel], forecast.predicted[:, at, channel]
-    seen = np.isfinite(flown)
-    flown, predicted = flown[seen], predicted[seen]
+    last = forecast.last[:, channel]
+    seen = np.isfinite(flown) & np.isfinite(last)
+    flown, predicted, last = flown[seen], predicted[seen], last[seen]
     error, deviation = flown - predicted, forecast.deviation[seen, at, channel]
-    last = forecast.last[seen, channel]
     rms = _rms(error)
     size = _rms(flown - last) + _rms(predicted - last)
     overlap = int(np.ceil(horizon / _spacing(forecast.begin)))

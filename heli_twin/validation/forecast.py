@@ -42,7 +42,7 @@ class Forecast(NamedTuple):
     flown: Array
     """(w, HORIZON_BINS, 6) mean pose of each bin, x y z (m) yaw pitch roll (rad); NaN where there is no pose."""
     predicted: Array
-    """(w, HORIZON_BINS, 6)."""
+    """(w, HORIZON_BINS, 6); NaN where there is no pose."""
     deviation: Array
     """(w, HORIZON_BINS, 6) standard deviation of the error of a right twin, cameras included."""
     last: Array
@@ -97,9 +97,9 @@ def _forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
     return Forecast(
         np.asarray(pieces.origin + STEP_S * pieces.windows.first + HISTORY_BINS * BIN_S, np.float64),
         np.where(seen, problem.y, np.nan)[:, ahead],
-        predicted[:, ahead] + mean,
+        np.where(seen, predicted, np.nan)[:, ahead] + mean,
         np.sqrt([window.variance() for window in windows]),
-        predicted[:, HISTORY_BINS] + mean[:, 0],
+        np.where(seen, predicted, np.nan)[:, HISTORY_BINS] + mean[:, 0],
     )
 
 

@@ -12,8 +12,8 @@ from heli_twin.validation.band import Band
 from heli_twin.validation.watch import STATISTICS, Watch, Watched
 from heli_twin.validation.wire import Seen, Sent
 
-BACK = 0.8
-"""Share of its limit below which a statistic is back in its band."""
+BACK, BACK_S = 0.8, 3.0
+"""A statistic is back in its band when it has been below this share of its limit for so long, s."""
 MEANS = {
     "x": "gusts, the drag along the nose, or the cameras",
     "y": "gusts, the drag to port, or the cameras",
@@ -85,6 +85,8 @@ class Alarm:
     def __init__(self, band: Band, rate: float) -> None:
         self.limits: Array = band.limits(rate)
         self._is_out = np.zeros(len(STATISTICS), np.bool_)
+        self._outside = np.zeros(len(STATISTICS))
+        """When each was last beyond its limit, or near it, s."""
         self._first = -1
         self.seconds = 0.0
         """Watched so far, settling included."""
@@ -98,10 +100,12 @@ class Alarm:
             value, limit = float(seen.values[i]), float(self.limits[i])
             size = abs(value)
             # What is not known leaves everything as it is.
+            if not size < BACK * limit:
+                self._outside[i] = self.seconds
             if not self._is_out[i] and size > limit:
                 self._is_out[i] = True
                 yield ShadowEvent(self.seconds, "left", name, value, limit, f"{_shown(name, value)}: {MEANS[name]}")
-            elif self._is_out[i] and size < BACK * limit:
+            elif self._is_out[i] and self.seconds - self._outside[i] > BACK_S:
                 self._is_out[i] = False
                 yield ShadowEvent(self.seconds, "back", name, value, limit, f"{_shown(name, value)}: as calibrated")
 

@@ -57,6 +57,8 @@ class ShownFlights(NamedTuple):
     logs: Sequence[Log]
     experiments: Sequence[Experiment]
     names: Sequence[str]
+    ghost: str = ""
+    """What predicted the second flight; empty if it was flown."""
 
     @property
     def duration(self) -> float:
@@ -71,11 +73,13 @@ class ShownFlights(NamedTuple):
         """
         flights = [
             ComparedFlight(with_truth(log), scales_of(experiment).for_source(log), name)
-            for log, experiment, name in zip(*self, strict=True)
+            for log, experiment, name in zip(self.logs, self.experiments, self.names, strict=True)
         ]
         first, *others = flights
         if others:
-            show_both(first, others[0], differences(*self.experiments), where, tab)
+            predicted = [("poses", "flown", f"predicted by {self.ghost}")] if self.ghost else None
+            rival = others[0]._replace(is_ghost=bool(self.ghost))
+            show_both(first, rival, predicted or differences(*self.experiments), where, tab)
         else:
             show(first.log, where, first.scales, tab)
 

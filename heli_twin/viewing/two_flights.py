@@ -33,6 +33,9 @@ from heli_twin.viewing.style import (
 LOOKS = (Look("A", "blue", FLOWN, WANTED, FLOWN), Look("B", "pink", RIVAL, RIVAL_WANTED, RIVAL))
 
 
+GHOST = 0xFF7AC668
+"""The body of a flight that was predicted and not flown: translucent."""
+
 FieldDifference = tuple[str, str, str]
 """Dotted path of a field in which two experiments differ, and its values in A and in B, as text."""
 
@@ -44,6 +47,8 @@ class ComparedFlight(NamedTuple):
     scales: Scales
     name: str
     """The log file's."""
+    is_ghost: bool = False
+    """True if it was predicted and not flown."""
 
 
 def show_both(
@@ -72,8 +77,9 @@ def show_both(
 
     def fill(stream: rr.RecordingStream) -> None:
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for flight, look in zip(flights, LOOKS, strict=True):
-            send_static(stream, look, flight.scales.source, flight.scales.shape, floor if look is LOOKS[0] else None)
+        for flight, named in zip(flights, LOOKS, strict=True):
+            look = named._replace(body=GHOST) if flight.is_ghost else named
+            send_static(stream, look, flight.scales.source, flight.scales.shape, floor if named is LOOKS[0] else None)
             send(stream, flight.log, flight.scales, look.path(""))
             for entity_rows in _errors(flight.log, look):
                 send_rows(stream, entity_rows)
