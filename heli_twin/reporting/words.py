@@ -31,6 +31,7 @@ UNITS = {
 }
 
 STORED_UNITS = {
+    "excess": "share of the limit",
     "phase_lag": "s",
     "settling_time": "s",
     "overshoot": "share of the step",
@@ -68,6 +69,8 @@ def metric(name: str) -> Scale:
         return Scale(text, "deg\u00b2", (180 / np.pi) ** 2) if axis == "yaw" else Scale(text, "cm\u00b2", 1e4)
     if stem in UNITS:
         return Scale(text, *UNITS[stem])
+    if stem == "excess":
+        return Scale(f"excess over requirement {axis}", "%", 100.0)
     if stem.endswith("_ms"):
         return Scale(f"{stem[:-3].replace('_', ' ')} {axis}", "ms", 1.0)
     return Scale("largest tilt", "deg", 180 / np.pi) if name == "tilt.max" else Scale(text, "", 1.0)

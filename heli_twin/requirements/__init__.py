@@ -4,7 +4,7 @@
 takes the signals from a log; `judge.py` gives the verdicts.
 """
 
-from heli_twin.requirements.file import Requirement, RequirementError, requirements_of
+from heli_twin.requirements.file import Requirement, RequirementError, requirements_of, table_of
 from heli_twin.requirements.judge import Verdict, judge
 
-__all__ = ["Requirement", "RequirementError", "Verdict", "judge", "requirements_of"]
+__all__ = ["Requirement", "RequirementError", "Verdict", "judge", "requirements_of", "table_of"]

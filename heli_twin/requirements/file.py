@@ -1,7 +1,7 @@
 """Requirements in TOML: `[requirements]` with `name = "formula"`, or a table `[requirements.name]`."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -67,6 +67,11 @@ def requirements_of(source: Path | str | Mapping[str, Any]) -> tuple[Requirement
         return _of_text(data.decode(), str(path))
     except UnicodeDecodeError:
         raise RequirementError(f"{clean(path, 200)} is not UTF-8 text") from None
+
+
+def table_of(requirements: Iterable[Requirement]) -> dict[str, dict[str, str]]:
+    """Return requirements as the table of a TOML file."""
+    return {r.name: {"formula": r.formula, "text": r.text, "source": r.source} for r in requirements}
 
 
 def _of_text(text: str, name: str) -> tuple[Requirement, ...]:

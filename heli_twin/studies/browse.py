@@ -14,7 +14,7 @@ from heli_twin.metrics.tracking import metrics
 from heli_twin.mission import MEASURED
 from heli_twin.recording import read_log
 from heli_twin.reporting.words import field, metric
-from heli_twin.studies.columns import COMPLETED
+from heli_twin.studies.columns import COMPLETED, SCORED
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.results import read_results
 from heli_twin.studies.store import Store
@@ -105,7 +105,7 @@ def _order(rows: pa.Table, score: str) -> list[int]:
     outcomes = rows.column("outcome").to_pylist()
     scores = rows.column(score).to_pylist() if score in rows.column_names else [None] * len(outcomes)
     keys = [
-        (outcome == COMPLETED, -(value or 0.0) if outcome == COMPLETED else 0.0)
+        (outcome == COMPLETED, -(value or 0.0) if outcome in SCORED else 0.0)
         for outcome, value in zip(outcomes, scores, strict=True)
     ]
     return sorted(range(len(keys)), key=keys.__getitem__)

@@ -15,7 +15,7 @@ from typing import Any
 from controllers.programs import to_send
 from heli_twin.experiment.families import own_sources
 from heli_twin.experiment.tree import parsed
-from heli_twin.studies.columns import COMPLETED
+from heli_twin.studies.columns import COMPLETED, SCORED
 from heli_twin.studies.designs import Point, Row
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.flight_code import changes_of, code_hash, code_parts, file_hash
@@ -198,6 +198,7 @@ class Campaign:
             keep_above=self._threshold(),
             own=own_sources(),
             programs=to_send(),
+            requirements=self.plan.study.requirements,
         )
 
     def _threshold(self) -> float | None:
@@ -216,7 +217,7 @@ class Campaign:
                 " what is installed here; what was flown before is kept"
             )
         completed = row["outcome"] == COMPLETED
-        score = row.get(self.plan.study.score) if completed else None
+        score = row.get(self.plan.study.score) if row["outcome"] in SCORED else None
         if not isinstance(done.result, Trouble) and done.result.log is not None:
             write_whole(self.out / "logs" / f"{done.task.id}.mcap", done.result.log)
             self._failures_kept += not completed

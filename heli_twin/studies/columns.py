@@ -1,6 +1,6 @@
 """The columns of a run's row: outcome, metrics and provenance."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, Literal
 
@@ -9,11 +9,16 @@ from heli_twin.metrics.flat import flat
 from heli_twin.metrics.measures import measures
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log
+from heli_twin.requirements import Requirement, Verdict, judge
 from heli_twin.studies.errors import StudyError
 from heli_twin.terminal_text import instead
 
 COMPLETED = "completed"
-"""The outcome of a flight that did not fail."""
+"""The outcome of a flight that did not fail. In a study with requirements it may have landed early, if it may."""
+BROKEN = "broken"
+"""The outcome of a flight that ended well but broke a requirement: it has failed, and its score counts all the same."""
+SCORED = (COMPLETED, BROKEN)
+"""Outcomes of flights whose score counts; the others get the penalty."""
 LANDED_EARLY = "landed"
 """The outcome of an emergency landing: the flight did not do what it should, and nothing broke."""
 STANDING_PLAN_M = 0.06
@@ -27,16 +32,44 @@ MEASURED_COLUMNS = (
 """Columns that may differ between two flights of the same experiment, by how their names begin."""
 
 
-def columns(log: Log, experiment: Experiment) -> dict[str, Any]:
+def columns(log: Log, experiment: Experiment, requirements: Sequence[Requirement] = ()) -> dict[str, Any]:
     """The row of a flight: its outcome, its metrics by dotted name, its provenance. Plain values, no NaN."""
     row = flat(metrics(log)) | flat(measures(log, experiment.controller))
     row = {"outcome": outcome(log), "outcome_text": log.ending.text} | {k: v for k, v in row.items() if k != "outcome"}
+    row |= _judged(row, judge(requirements, log)) if requirements else {}
     row["flown"] = row.pop("duration", None)
     row["digest"] = log.digest
     about = log.metadata
     row |= {"started": about.get("started", ""), "git_commit": about.get("git_commit", ""), "cpu": about.get("cpu", "")}
     row |= {key: value for key, value in about.items() if key.startswith("version.") or key in ("python", "platform")}
     return row
+
+
+def _judged(row: Mapping[str, Any], verdicts: Mapping[str, Verdict]) -> dict[str, Any]:
+    """The excess over each requirement, and the outcome: where nothing broke, the requirements alone decide it."""
+    judged: dict[str, Any] = {excess(name): _excess(verdict) for name, verdict in verdicts.items()}
+    broken = [
+        f"{name}: {verdict.reason} at {verdict.tightest_at:g} s" if verdict.tightest_at is not None else name
+        for name, verdict in verdicts.items()
+        if not verdict.holds
+    ]
+    if row["outcome"] not in (COMPLETED, LANDED_EARLY):
+        return judged
+    if broken:
+        return judged | {"outcome": BROKEN, "outcome_text": f"requirement {'; '.join(broken)}"}
+    return judged | {"outcome": COMPLETED}
+
+
+def excess(name: str) -> str:
+    """The metric of a requirement: by how much it is broken, as a share of its limit; negative if it is kept."""
+    return f"excess.{name}"
+
+
+def _excess(verdict: Verdict) -> float:
+    """1 and -1 stand for a requirement that is decided by what is true or false alone."""
+    if verdict.normalised is None:
+        return -1.0 if verdict.holds else 1.0
+    return -verdict.normalised
 
 
 def outcome(log: Log) -> str:
@@ -53,13 +86,17 @@ def metric_names() -> tuple[str, ...]:
     return tuple(name for name in known if name not in ("outcome", "duration", "settling"))
 
 
-def check_metrics(names: Iterable[str]) -> None:
+def check_metrics(names: Iterable[str], requirements: Iterable[str] = ()) -> None:
     """Refuse metrics that no flight has.
+
+    Args:
+        names: The metrics.
+        requirements: Names of the study's requirements, each of which has an excess.
 
     Raises:
         StudyError: Suggests the right one.
     """
-    known = metric_names()
+    known = (*metric_names(), *map(excess, requirements))
     for name in names:
         if name not in known:
             raise StudyError(f"unknown metric {instead(name, known)}")

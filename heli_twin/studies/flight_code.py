@@ -16,7 +16,10 @@ import heli_twin
 from heli_twin.lab.plant.mujoco import model_file
 
 ROOMS = ("controllers", "heli_twin/experiment", "heli_twin/lab", "heli_twin/metrics", "heli_twin/recording")
-MODULES = ("flight.py", "logbook.py", "mission.py", "studies/columns.py", "studies/work.py")
+MODULES = (
+    *("flight.py", "logbook.py", "mission.py", "studies/columns.py", "studies/work.py"),
+    *(f"requirements/{name}.py" for name in ("file", "formula", "judge", "parser", "signals", "units")),
+)
 PACKAGES = ("mujoco", "numpy", "proxsuite")
 HASH_DIGITS = 16
 NAMED_CHANGES = 3

@@ -109,8 +109,9 @@ def plan_of(study: Study) -> StudyPlan:
     axes = {path: axis_of(path, written) for path, written in study.axes.items()}
     alternatives, contrast = alternatives_of(study)
     swept = {path: axis for path, axis in axes.items() if path != contrast}
-    plan = StudyPlan(study, Space(base, alternatives, swept, study.seeds, study.score, study.penalty), contrast)
-    check_metrics((study.score, *study.metrics))
+    names = tuple(requirement.name for requirement in study.required)
+    plan = StudyPlan(study, Space(base, alternatives, swept, study.seeds, study.score, study.penalty, names), contrast)
+    check_metrics((study.score, *study.metrics), names)
     if "seed" in swept:
         raise StudyError("the seed is no axis: `replicates` flies every point with the same seeds")
     study.design.check(plan.space)

@@ -33,6 +33,8 @@ class Space:
     """The metric that ranks flights, smaller is better."""
     penalty: float
     """The score of a flight that failed."""
+    requirements: tuple[str, ...] = ()
+    """Names of the study's requirements."""
 
     def runs(self, points: int) -> int:
         """Return the number of runs of so many points."""

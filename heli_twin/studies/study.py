@@ -17,6 +17,7 @@ from heli_twin.experiment.help_text import explained
 from heli_twin.experiment.own import OWN, mark_of, with_commands
 from heli_twin.experiment.text import assignment, part_in, with_content, with_members
 from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
+from heli_twin.requirements import Requirement, requirements_of, table_of
 from heli_twin.studies.designs import Batches, Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
@@ -68,6 +69,13 @@ class Study:
     tuning: Annotated[
         tuple[Tree, ...], doc("records of how controllers were tuned, as `heli-twin tune --save` leaves them")
     ] = ()
+    requirements: Annotated[
+        Tree,
+        doc(
+            "what each flight must do: formulas by name, or the name of a file of them; one that breaks some has"
+            " failed, and `excess.NAME` is the share of its limit by which it does"
+        ),
+    ] = field(default_factory=dict)
     penalty: Annotated[float, Gt(0), doc("the score of a flight that failed")] = 2.5
     logs: Annotated[Logs, doc("which flights leave their MCAP behind")] = field(default_factory=Logs)
     timeout: Annotated[
@@ -79,6 +87,15 @@ class Study:
     def seeds(self) -> range:
         """The seeds that every point is flown with: common random numbers."""
         return range(self.seed, self.seed + self.replicates)
+
+    @property
+    def required(self) -> tuple[Requirement, ...]:
+        """The requirements, read.
+
+        Raises:
+            RequirementError: Names the requirement and the place in its formula.
+        """
+        return requirements_of(self.requirements) if self.requirements else ()
 
 
 def shipped() -> dict[str, Path]:
@@ -118,6 +135,8 @@ def _complete(tree: Tree, folder: Path) -> Tree:
     """Return a study's tables with what they name by files of a folder: parts, contents, classes of the user's own."""
     _read_parts(tree)
     _read_contents(tree, folder)
+    if isinstance(named := tree.get("requirements"), str):
+        tree["requirements"] = table_of(requirements_of(folder / named if named.endswith(".toml") else named))
     return _with_members(tree, folder)
 
 

@@ -41,7 +41,8 @@ def fly_task(task: Task) -> Flown | Trouble:
     from heli_twin.experiment.tree import ExperimentError, from_json
     from heli_twin.mission import ProgramMissing, fly
     from heli_twin.recording import read_log
-    from heli_twin.studies.columns import COMPLETED, INVALID, columns
+    from heli_twin.requirements import requirements_of
+    from heli_twin.studies.columns import COMPLETED, INVALID, SCORED, columns
 
     began = perf_counter()
     about = {"id": task.id, "host": socket.gethostname()}
@@ -52,15 +53,16 @@ def fly_task(task: Task) -> Flown | Trouble:
         result = fly(experiment, log_dir=None)
         if result.outcome.kind == INVALID:
             return Trouble(INVALID, result.outcome.text)
-        log = read_log(BytesIO(result.data or b""), DECODED_TOPICS)
+        requirements = requirements_of(task.requirements) if task.requirements else ()
+        log = read_log(BytesIO(result.data or b""), None if requirements else DECODED_TOPICS)
+        row = about | columns(log, experiment, requirements) | {"real_time_factor": result.real_time_factor}
     except ProgramMissing as error:
         return Trouble(INVALID, f"{error} ({socket.gethostname()})")
     except (ExperimentError, FamilyError) as error:
         return Flown(about | {"outcome": "refused", "outcome_text": str(error)})
-    row = about | columns(log, experiment) | {"real_time_factor": result.real_time_factor}
     score: Any = row.get(task.score)
     failed = row["outcome"] != COMPLETED
-    high = not failed and task.keep_above is not None and score is not None and score > task.keep_above
+    high = row["outcome"] in SCORED and task.keep_above is not None and score is not None and score > task.keep_above
     keep = task.keep_log or (failed and task.keep_failed) or high
     row["wall_time"] = perf_counter() - began
     return Flown(row, result.data if keep else None)

@@ -21,6 +21,8 @@ class Task(NamedTuple):
     """The members of the user's own that the driver has named (`families.OwnSource`)."""
     programs: tuple[Any, ...] = ()
     """The programs of external laws that the driver has named (`controllers.programs.Program`)."""
+    requirements: dict[str, Any] | None = None
+    """What the flight must do, formulas by name."""
 
 
 class Flown(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from annotated_types import Ge, Le, doc
 
 from heli_twin.studies.axes import Linspace, Logspace, Uniform
-from heli_twin.studies.columns import COMPLETED, INVALID, check_metrics
+from heli_twin.studies.columns import INVALID, SCORED, check_metrics
 from heli_twin.studies.designs import Batches, Point, Row, need_axes
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Space
@@ -35,7 +35,7 @@ class Margin:
         need_axes(space, "margin")
         if not self.criteria:
             raise StudyError("a margin needs a criterion: design.criteria = { 'sustained.yaw' = 0.07 }")
-        check_metrics(self.criteria)
+        check_metrics(self.criteria, space.requirements)
         for path, axis in space.axes.items():
             if not isinstance(axis, Linspace | Logspace | Uniform):
                 raise StudyError(f"axis '{path}': a margin is searched in a range, write {{ uniform = [from, to] }}")
@@ -131,4 +131,4 @@ def bracket(rows: Sequence[Row], criterion: str, criteria: Mapping[str, float]) 
 def acceptable(row: Row, criterion: str, criteria: Mapping[str, float]) -> bool:
     """Return whether a flight completed and its metric is within the criterion."""
     value: Any = row.get(criterion)
-    return row["outcome"] == COMPLETED and value is not None and value <= criteria[criterion]
+    return row["outcome"] in SCORED and value is not None and value <= criteria[criterion]

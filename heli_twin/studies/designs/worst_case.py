@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le, doc
 
-from heli_twin.studies.columns import COMPLETED, INVALID
+from heli_twin.studies.columns import INVALID, SCORED
 from heli_twin.studies.designs import Batches, Point, Row, need_axes
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Space
@@ -75,7 +75,7 @@ class WorstCase:
 def _mean_score(space: Space, rows: list[Row]) -> float | None:
     """The mean over the seeds; None if all of the runs were invalid."""
     valid = [row for row in rows if row["outcome"] != INVALID]
-    scores = [row[space.score] if row["outcome"] == COMPLETED else space.penalty for row in valid]
+    scores = [row[space.score] if row["outcome"] in SCORED else space.penalty for row in valid]
     if not scores:
         return None
     return sum(space.penalty if score is None else score for score in scores) / len(scores)

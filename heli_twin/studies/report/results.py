@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_twin.reporting.figure import Array
-from heli_twin.studies.columns import COMPLETED, INVALID
+from heli_twin.studies.columns import COMPLETED, INVALID, SCORED
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.results import read_results
 from heli_twin.studies.store import Store
@@ -71,8 +71,13 @@ class Results:
 
     @cached_property
     def failed(self) -> NDArray[np.bool_]:
-        """A mask of the flights that did not complete."""
+        """A mask of the flights that did not complete, or broke a requirement."""
         return self["outcome"] != COMPLETED
+
+    @cached_property
+    def scored(self) -> NDArray[np.bool_]:
+        """A mask of the flights that flew to their end, so that their metrics can be compared."""
+        return np.isin(self["outcome"].astype(str), SCORED)
 
     @cached_property
     def axes(self) -> list[str]:
@@ -90,13 +95,13 @@ class Results:
 
     def metric(self, name: str) -> Array:
         """A metric of the flights that completed; NaN for the others, which `failed` counts."""
-        return np.where(self.failed, np.nan, self[name].astype(float))
+        return np.where(self.scored, self[name].astype(float), np.nan)
 
     @property
     def penalised(self) -> Array:
         """The score, with the study's penalty for those that failed."""
         score = self[self.study.score].astype(float)
-        return np.where(self.failed | np.isnan(score), self.study.penalty, score)
+        return np.where(~self.scored | np.isnan(score), self.study.penalty, score)
 
     def command(self, row: int) -> str:
         """The command that flies the run of a row again."""
