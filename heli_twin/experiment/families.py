@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
@@ -113,9 +113,15 @@ def _ours(package: str) -> dict[str, Member]:
 
 
 @cache
+def _entry_points() -> EntryPoints:
+    """Cached: every look reads the metadata of all installed packages."""
+    return entry_points()
+
+
+@cache
 def _installed(package: str) -> dict[str, Member]:
     family: dict[str, Member] = {}
-    for point in sorted(entry_points(group=GROUPS.get(package, "")), key=lambda point: point.name):
+    for point in sorted(_entry_points().select(group=GROUPS.get(package, "")), key=lambda point: point.name):
         origin = f"the package {point.dist.name if point.dist else point.value}"
         try:
             spec = point.load()

@@ -42,4 +42,11 @@ def _info(hint: Any) -> FieldInfo:
     plain = family is None and not is_dataclass(bare)
     columns = next((e.columns for e in extras if isinstance(e, Rows)), ())
     content = next((e for e in extras if isinstance(e, FileContent)), None)
-    return FieldInfo(bare, TypeAdapter(hint) if plain else None, family, unit, text, columns, content)
+    adapter = _adapter(bare, *(e for e in extras if not isinstance(e, Unit | DocInfo))) if plain else None
+    return FieldInfo(bare, adapter, family, unit, text, columns, content)
+
+
+@cache
+def _adapter(*parts: Any) -> TypeAdapter[Any]:
+    """The validator of a type with bounds; it is slow to make, and many fields have the same."""
+    return TypeAdapter(Annotated[parts] if parts[1:] else parts[0])

@@ -18,11 +18,16 @@ def explained(spec: T) -> T:
     """Add the fields of a dataclass to its docstring, and shorten the signature that `help` shows."""
     parameters = [Parameter(f.name, Parameter.POSITIONAL_OR_KEYWORD, default=_Shown(f)) for f in _given(spec)]
     signature = Signature(parameters)
-    lines = (fill(_line(f), _WIDTH, initial_indent="    ", subsequent_indent="        ") for f in _given(spec))
+    lines = (_wrapped(f"    {_line(f)}") for f in _given(spec))
     spec.__doc__ = "\n".join([cleandoc(spec.__doc__ or ""), "", "Fields:", *lines, ""])
     spec.__signature__ = signature  # pyright: ignore[reportAttributeAccessIssue]
     spec.__init__.__signature__ = signature
     return spec
+
+
+def _wrapped(line: str) -> str:
+    """Most lines are short, and `fill` is slow: it would take a tenth of the start of a command."""
+    return line if len(line) <= _WIDTH else fill(line.strip(), _WIDTH, initial_indent="    ", subsequent_indent=" " * 8)
 
 
 class _Shown:
