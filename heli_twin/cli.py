@@ -67,7 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     if sys.stdout is None:
         raise HeliTwinError("the standard output is closed: redirect it to a file or to /dev/null")
-    parsed = commands.command_line().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    parsed = commands.command_line(words[0] if words else "").parse_args(words)
     return parsed.run(parsed)
 
 

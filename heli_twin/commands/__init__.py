@@ -97,8 +97,8 @@ def command(
     return parser
 
 
-def command_line() -> Parser:
-    """The parser of the whole command line."""
+def command_line(word: str = "") -> Parser:
+    """The parser of the command line: of one command if the first word names it, else of all."""
     parser = Parser(
         prog="heli-twin",
         description="Fly a 28 g coaxial helicopter's digital twin, log it, replay it, study it.",
@@ -109,8 +109,9 @@ def command_line() -> Parser:
     parser.add_argument("--version", action=Version, nargs=0, help="show the versions that fly, and exit")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     # `pkgutil` would load `inspect`, which takes as long as all the commands.
-    for file in sorted(Path(__file__).parent.glob("[!_]*.py")):
-        import_module(f"{__name__}.{file.stem}").add(subparsers)
+    names = [file.stem for file in sorted(Path(__file__).parent.glob("[!_]*.py"))]
+    for name in [word] if word in names else names:
+        import_module(f"{__name__}.{name}").add(subparsers)
     return parser
 
 

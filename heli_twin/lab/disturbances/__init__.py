@@ -66,17 +66,6 @@ class DisturbanceSpec(Protocol):
         ...
 
 
-class Steady:
-    """A disturbance that does the same at all times."""
-
-    def __init__(self, air: Air) -> None:
-        self._air = air
-
-    def air(self, truth: Truth) -> Air:
-        """Return the same air."""
-        return self._air
-
-
 def together(parts: Sequence[Air]) -> Air:
     """Combine all contributions: winds, pushes and moments are added, thrust factors multiplied."""
     wind, push, factor, moment = STILL, STILL, 1.0, None

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le, Unit, doc
 
-from heli_twin.lab.disturbances import STILL, Steady
-from heli_twin.lab.plant import Air
+from heli_twin.lab.disturbances import STILL
+from heli_twin.lab.plant import Air, Truth
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +19,10 @@ class Bias:
     y: Annotated[float, Ge(-100), Le(100), Unit("m/s^2"), doc("push to the west")] = 0.05
     z: Annotated[float, Ge(-100), Le(100), Unit("m/s^2"), doc("push upwards")] = 0.0
 
-    def start(self, rng: np.random.Generator) -> Steady:
+    def start(self, rng: np.random.Generator) -> "Bias":
+        """Return itself: a constant has no state."""
+        return self
+
+    def air(self, truth: Truth) -> Air:
         """Return the same push at all times."""
-        return Steady(Air(STILL, np.array([self.x, self.y, self.z])))
+        return Air(STILL, np.array([self.x, self.y, self.z]))

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le, Unit, doc
 
-from heli_twin.lab.disturbances import STILL, Steady
-from heli_twin.lab.plant import Air
+from heli_twin.lab.disturbances import STILL
+from heli_twin.lab.plant import Air, Truth
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +19,10 @@ class MeanWind:
     y: Annotated[float, Ge(-10), Le(10), Unit("m/s"), doc("to the west")] = 0.0
     z: Annotated[float, Ge(-10), Le(10), Unit("m/s"), doc("upwards")] = 0.0
 
-    def start(self, rng: np.random.Generator) -> Steady:
+    def start(self, rng: np.random.Generator) -> "MeanWind":
+        """Return itself: a constant has no state."""
+        return self
+
+    def air(self, truth: Truth) -> Air:
         """Return the same wind at all times."""
-        return Steady(Air(np.array([self.x, self.y, self.z]), STILL))
+        return Air(np.array([self.x, self.y, self.z]), STILL)
