@@ -105,7 +105,7 @@ def _become_the_program() -> list[int]:
     if isinstance(sys.stdout, TextIOWrapper):
         # A terminal that cannot show a character shows another; data are printed in ASCII.
         sys.stdout.reconfigure(errors="replace")
-    # MuJoCo would look for an OpenGL window library, which takes as long as all the rest of it; nothing here draws with it.
+    # MuJoCo would look for a window library, which takes as long as all the rest of it; nothing here draws with it.
     os.environ.setdefault("MUJOCO_GL", "disable")
     handler = logging.StreamHandler()
     handler.setFormatter(_OneLine())

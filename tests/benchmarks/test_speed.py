@@ -1,27 +1,21 @@
 """Times of the parts: `pytest tests/benchmarks --benchmark-only`. Nothing here can fail for being slow.
 
-Run it on an idle machine; `--benchmark-json FILE` keeps every round. The peer of the solver runs in the same process on
-the same problems, so that their ratio holds on a noisy machine too.
+Run it on an idle machine; `--benchmark-json FILE` keeps every round. Flights, solvers and commands are in `court.py`.
 """
 
 import subprocess
 from collections.abc import Iterator
 
 import numpy as np
-import osqp
 import pytest
-from scipy import sparse
 from threadpoolctl import threadpool_limits
 
-from controllers.condensed_qp import CondensedQp
 from controllers.laws import closed_after
 from controllers.laws.external import External
 from controllers.laws.ltv_mpc import LtvMpc
-from controllers.proxqp import ProxQp
 from controllers.reference import ReferencePreview
 from controllers.signals import Estimate, Reference
 from controllers.trajectories.circle import Circle
-from heli_twin import Experiment, fly, load
 
 PERIOD = 20_000_000
 STEPS = 500
@@ -45,21 +39,6 @@ def circle(law: LtvMpc) -> list[tuple[Estimate, Reference]]:
     return given
 
 
-WHOLE = LtvMpc(coupling="full")
-"""One QP a step, with all 76 inputs."""
-
-
-def problems(law: LtvMpc) -> list[CondensedQp]:
-    """The QPs of those steps, each on its own memory."""
-    controller = law.start()
-    copies = []
-    for estimate, reference in circle(law):
-        _, (qp,) = controller.problem(estimate, reference)
-        copies.append(CondensedQp(*(part.copy() for part in qp)))
-        controller.step(estimate.stamp, estimate, reference)
-    return copies
-
-
 @pytest.mark.parametrize("coupling", ["removed", "full"])
 def test_control_step_on_the_circle(benchmark, coupling):
     law = LtvMpc(coupling=coupling)
@@ -74,43 +53,6 @@ def test_control_step_on_the_circle(benchmark, coupling):
     benchmark.extra_info["p99_ms"] = 1e3 * np.percentile(benchmark.stats.stats.data, 99)
 
 
-def test_solve_with_proxqp(benchmark):
-    qps = problems(WHOLE)
-    upcoming, solver = iter(qps * 10), ProxQp(qps[0], 4)
-    benchmark.pedantic(lambda: solver(next(upcoming)), rounds=4000, warmup_rounds=100)
-
-
-def test_solve_with_osqp(benchmark):
-    """The peer: warm-started OSQP on the same problems, to the same absolute tolerance."""
-    qps = problems(WHOLE)
-    n, m = len(qps[0].g), len(qps[0].C)
-    full = sparse.csc_matrix(np.ones((m + n, n)))
-    upper = sparse.triu(np.ones((n, n)), format="csc")
-    solver = osqp.OSQP()
-    first = qps[0]
-    columns = np.tril_indices(n)
-
-    def bounds(qp: CondensedQp) -> tuple[np.ndarray, np.ndarray]:
-        return np.concatenate([qp.v_low, qp.u_low]), np.concatenate([qp.v_high, qp.u_high])
-
-    def rows(qp: CondensedQp) -> np.ndarray:
-        return np.vstack([qp.C, np.eye(n)]).T.ravel()
-
-    low, high = bounds(first)
-    full.data[:] = rows(first)
-    upper.data[:] = first.H.T[columns]
-    solver.setup(upper, first.g, full, low, high, eps_abs=1e-5, eps_rel=0.0, verbose=False, polishing=False)
-    upcoming = iter(qps * 10)
-
-    def solve() -> None:
-        qp = next(upcoming)
-        low, high = bounds(qp)
-        solver.update(q=qp.g, l=low, u=high, Px=qp.H.T[columns], Ax=rows(qp))
-        solver.solve(raise_error=False)
-
-    benchmark.pedantic(solve, rounds=2000, warmup_rounds=50)
-
-
 def test_infeasible_starts(benchmark):
     """Random starts, nine in ten of them outside the velocity limits; look at the maximum."""
     law, rng = LtvMpc(), np.random.default_rng(0)
@@ -122,14 +64,6 @@ def test_infeasible_starts(benchmark):
         return (law.start(), Estimate(0, x, np.zeros(4), np.zeros((4, 3)), 0, 0)), {}
 
     benchmark.pedantic(lambda controller, estimate: controller.step(0, estimate, reference), setup=start, rounds=1000)
-
-
-@pytest.mark.parametrize("preset", ["lab", "ideal"])
-def test_whole_flight(benchmark, preset, tmp_path):
-    """30 s with every wire recorded to a file."""
-    experiment: Experiment = load(preset)
-    result = benchmark.pedantic(fly, args=(experiment,), kwargs={"log_dir": tmp_path}, rounds=5, warmup_rounds=1)
-    benchmark.extra_info["real_time_factor"] = result.real_time_factor
 
 
 @pytest.mark.parametrize("steps", [1, 19])

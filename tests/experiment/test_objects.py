@@ -249,7 +249,7 @@ def test_what_is_no_member_is_refused_in_one_sentence(fields, said) -> None:
 
 
 def test_only_an_experiment_flies() -> None:
-    for other in ({}, "lab", None, Experiment):
+    for other in ({}, 3, None, Experiment):
         with pytest.raises(ExperimentError, match=r"give an Experiment"):
             fly(other, log_dir=None)
 
