@@ -126,8 +126,9 @@ def compare(again: "Refly") -> None:
     rows: list[Sequence[str]] = []
     for key in (*now, *(key for key in logged if key not in now)):
         a, b = logged.get(key), now.get(key)
-        numbers = isinstance(a, int | float) and isinstance(b, int | float)
-        change = metric_text(key, b - a, signed=True) if numbers else ""
+        change = ""
+        if isinstance(a, int | float) and isinstance(b, int | float):
+            change = metric_text(key, b - a, signed=True)
         rows.append((metric(key).name, metric_text(key, a), metric_text(key, b), change))
     print_table(("", "logged", "flown again", "difference"), rows, f"with {' '.join(again.overrides)}")
     print("errors against the truth")

@@ -8,6 +8,7 @@ from typing import Any
 from PIL import Image
 
 from heli_twin.errors import HeliTwinError
+from heli_twin.terminal_text import clean
 
 NEEDS_PYAV = "an MP4 needs PyAV: pip install 'heli_twin[film]', or give a name that ends in .gif, which needs nothing"
 NEEDS_H264 = "this build of PyAV has no H.264 encoder: give a name that ends in .gif"
@@ -39,7 +40,7 @@ def _av() -> Any:
         raise HeliTwinError(NEEDS_PYAV) from None
     try:
         av.codec.Codec("h264", "w")
-    except (ValueError, av.FFmpegError):
+    except ValueError:
         raise HeliTwinError(NEEDS_H264) from None
     return av
 
@@ -53,15 +54,22 @@ def encode(frames: Iterator[Image.Image], file: Path, kind: str, fps: float, kep
         kind: `.mp4` or `.gif`; the file may have another ending.
         fps: Frames a second.
         kept: Colours that a GIF, which has few, shall have.
+
+    Raises:
+        OSError: The file cannot be written.
+        HeliTwinError: The encoder says so, or cannot encode.
     """
     if kind == ".mp4":
-        _mp4(frames, file, fps)
+        av = _av()
+        try:
+            _mp4(av, frames, file, fps)
+        except av.error.FFmpegError as error:
+            raise HeliTwinError(f"the film cannot be written: {clean(error, 200)}") from None
     else:
         _gif(frames, file, fps, kept)
 
 
-def _mp4(frames: Iterator[Image.Image], file: Path, fps: float) -> None:
-    av = _av()
+def _mp4(av: Any, frames: Iterator[Image.Image], file: Path, fps: float) -> None:
     with av.open(str(file), "w", format="mp4", options={"movflags": "+faststart"}) as container:
         stream: Any = None
         for picture in frames:

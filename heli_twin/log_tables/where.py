@@ -1,8 +1,9 @@
 """A filter of rows: comparisons of a field with a value, joined by `and`."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from operator import ge, gt, le, lt
 from typing import Any, NamedTuple
 
 from heli_twin.errors import HeliTwinError
@@ -111,9 +112,7 @@ def _holds(row: LogRow, wanted: Comparison) -> bool:
             f"{wanted.field} is {clean(repr(found), 60)}, which {wanted.operator} cannot compare with"
             f" {clean(repr(value), 60)}: give {able}"
         )
-    return {
-        "<": lambda: found < value,
-        "<=": lambda: found <= value,
-        ">": lambda: found > value,
-        ">=": lambda: found >= value,
-    }[wanted.operator]()
+    return _ORDER[wanted.operator](found, value)
+
+
+_ORDER: dict[str, Callable[[Any, Any], bool]] = {"<": lt, "<=": le, ">": gt, ">=": ge}

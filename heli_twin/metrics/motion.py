@@ -9,6 +9,12 @@ from controllers.rotations import wrap_angle, yaw_of
 from controllers.signals import Array
 from heli_twin.metrics.tracking import AXES, SETTLING_S, tracking_error
 from heli_twin.recording import Log
+from heli_twin.recording.log import Times
+
+
+def in_seconds(ns: Times) -> Array:
+    """Times (n,) in s."""
+    return np.asarray(1e-9 * ns, np.float64)
 
 
 class Motion(NamedTuple):
@@ -26,10 +32,10 @@ def motion(log: Log) -> Motion:
     """Where the helicopter was: by the truth, or by the cameras if the log has no truth."""
     truth, pose = log.truth, log.pose
     if len(truth.time) or not len(pose.time):
-        return Motion(1e-9 * truth.stamp, np.column_stack([truth.position, truth.yaw]), by_cameras=False)
+        return Motion(in_seconds(truth.stamp), np.column_stack([truth.position, truth.yaw]), by_cameras=False)
     stamp, first = np.unique(pose.stamp, return_index=True)
     yaw = np.unwrap(yaw_of(pose.quat_wxyz[first]))
-    return Motion(1e-9 * stamp, np.column_stack([pose.position[first], yaw]), by_cameras=True)
+    return Motion(in_seconds(stamp), np.column_stack([pose.position[first], yaw]), by_cameras=True)
 
 
 def errors(log: Log) -> tuple[Array, Array]:
@@ -42,7 +48,7 @@ def errors(log: Log) -> tuple[Array, Array]:
         found = tracking_error(log)
         return found.time, found.error
     moved, planned = motion(log), log.reference
-    time = 1e-9 * planned.stamp
+    time = in_seconds(planned.stamp)
     if len(moved.time) < 2 or not len(time):
         return np.zeros(0), np.zeros((0, 4))
     kept = (time >= moved.time[0]) & (time <= moved.time[-1])

@@ -7,7 +7,7 @@ import numpy as np
 
 from controllers.rotations import wrap_angle, yaw_of
 from controllers.signals import Array
-from heli_twin.metrics.motion import motion
+from heli_twin.metrics.motion import in_seconds, motion
 from heli_twin.plots.axes import AXES, ERROR_UNITS, legend, time_axis
 from heli_twin.plots.marks import mark
 from heli_twin.plots.runs import Run
@@ -55,12 +55,12 @@ def draw(part: Any, shown: Sequence[Run], width: float) -> None:
 def _error(axes: Any, run: Run, i: int) -> float:
     """Draw one axis; returns the scale on which nearly all of it is seen."""
     found, moved = run.log.estimate, motion(run.log)
-    stamp = 1e-9 * found.stamp
+    stamp = in_seconds(found.stamp)
     kept = run.shown(stamp)
     error = ERROR_UNITS[i] * _minus(found.x[kept, i], stamp[kept], moved, i)
     deviation = 2 * ERROR_UNITS[i] * np.sqrt(np.maximum(found.variance[kept, i, 0], 0.0))
     pose = run.log.pose
-    seen = 1e-9 * pose.stamp
+    seen = in_seconds(pose.stamp)
     there = (seen >= run.start) & (seen <= run.end)
     measured = yaw_of(pose.quat_wxyz[there]) if i == 3 else pose.position[there, i]
     noise = ERROR_UNITS[i] * _minus(measured, seen[there], moved, i)

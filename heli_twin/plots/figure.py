@@ -25,7 +25,7 @@ PAGE_WIDTH_INCHES, COLUMN_WIDTH_INCHES = 7.16, 3.5
 MOST_OVERLAID, MOST_BESIDE = 8, 4
 """Flights that can be told apart in one pair of axes, and columns that can be read beside each other."""
 DPI = 200
-STYLE = RC_PARAMETERS | {
+STYLE: dict[Any, Any] = RC_PARAMETERS | {
     # Type 42: publishers refuse matplotlib's default, Type 3.
     "pdf.fonttype": 42,
     "axes.titlesize": 8,

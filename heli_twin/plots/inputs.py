@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from heli_twin.metrics.motion import in_seconds
 from heli_twin.plots.axes import LIMIT, held, legend, time_axis
 from heli_twin.plots.marks import mark
 from heli_twin.plots.runs import Run
@@ -46,12 +47,12 @@ def _input(axes: Any, run: Run, i: int) -> None:
         (acting, ACTING, "acting", {"linewidth": 1.4, "zorder": 1.8}),
         (sent, run.color, "sent", {"linewidth": 0.8, "zorder": 2}),
     ):
-        time = 1e-9 * wire.time
+        time = in_seconds(wire.time)
         kept = run.shown(time)
         if len(time[kept]):
             at, value = held(time[kept], wire.u[kept, i], min(run.end, 1e-9 * run.log.ending.time))
             axes.step(at, value, where="post", color=color, label=label, **style)
-    time = 1e-9 * planned.stamp
+    time = in_seconds(planned.stamp)
     kept = run.shown(time)
     if len(time[kept]):
         axes.plot(

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from heli_twin.metrics.motion import motion, outages
+from heli_twin.metrics.motion import in_seconds, motion, outages
 from heli_twin.plots.axes import NARROW_INCHES, REFERENCE, legend
 from heli_twin.plots.marks import OUTAGE_COLOR
 from heli_twin.plots.runs import Run
@@ -39,7 +39,7 @@ def _view(axes: Any, shown: Sequence[Run], across: int, up: int) -> None:
     alone = len(shown) == 1
     drawn: list[Any] = []
     for run in shown:
-        planned = run.log.reference.x[run.shown(1e-9 * run.log.reference.stamp), :3]
+        planned = run.log.reference.x[run.shown(in_seconds(run.log.reference.stamp)), :3]
         points = planned[:, [across, up]]
         if len(points) and not any(_same(points, other) for other in drawn):
             # A hover's reference is one point, which no line shows.

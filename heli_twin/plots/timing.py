@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from heli_twin.metrics.motion import in_seconds
 from heli_twin.plots.axes import LIMIT, NARROW_INCHES, legend, time_axis
 from heli_twin.plots.runs import Run
 
@@ -35,7 +36,7 @@ def draw(part: Any, shown: Sequence[Run], width: float) -> None:
     places = part.subplots(*((len(rows), 2) if wide else (2 * len(rows), 1)), squeeze=False).reshape(-1, 2)
     for (field, name), (over_time, shares) in zip(rows, places, strict=True):
         for run in shown:
-            time = 1e-9 * run.log.timing.time
+            time = in_seconds(run.log.timing.time)
             kept = run.shown(time)
             took = 1e-6 * np.asarray(getattr(run.log.timing, field)[kept], float)
             # Steps without a solver took none.

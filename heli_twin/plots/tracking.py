@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from heli_twin.metrics.motion import errors, motion
+from heli_twin.metrics.motion import errors, in_seconds, motion
 from heli_twin.metrics.tracking import SETTLING_S
 from heli_twin.plots.axes import AXES, ERROR_UNITS, NARROW_INCHES, REFERENCE, UNITS, legend, time_axis
 from heli_twin.plots.marks import mark
@@ -35,12 +35,12 @@ def draw(part: Any, shown: Sequence[Run], width: float) -> None:
     wide, planned = width >= NARROW_INCHES, _planned(shown)
     places = part.subplots(*((4, 2) if wide and planned else (8, 1) if planned else (4, 1)), squeeze=False, sharex=True)
     positions = places[:, 0] if wide or not planned else places[::2, 0]
-    mistakes = places[:, 1] if wide and planned else places[1::2, 0] if planned else [None] * 4
+    mistakes = places[:, 1] if wide and planned else places[1::2, 0] if planned else []
     for i, name in enumerate(AXES):
         unit = ("m", "cm") if i < 3 else ("deg", "deg")
         positions[i].set_ylabel(f"{name}, {unit[0]}")
         _position(positions[i], shown, i)
-        if mistakes[i] is not None:
+        if planned:
             mistakes[i].set_ylabel(f"{name} error, {unit[1]}" if wide else f"error, {unit[1]}")
             _error(mistakes[i], shown, i)
     bottom = list(places[-1])
@@ -61,7 +61,7 @@ def _position(axes: Any, shown: Sequence[Run], i: int) -> None:
         kept = run.shown(moved.time)
         name = ("by the cameras" if moved.by_cameras else "flown") if alone else run.name
         axes.plot(moved.time[kept], UNITS[i] * moved.state[kept, i], color=run.color, label=name, zorder=2)
-        time = 1e-9 * run.log.reference.stamp
+        time = in_seconds(run.log.reference.stamp)
         kept = run.shown(time)
         if len(time) and (not same or run is longest):
             style = REFERENCE if same else REFERENCE | {"color": run.color}

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from disks import disk_of
 from PIL import Image
 
 from heli_twin import HeliTwinError, Log, fly, load, read_log
@@ -133,6 +134,14 @@ def test_a_gif_needs_no_pyav(path: Path, tmp_path: Path, monkeypatch: pytest.Mon
     assert main(["film", *words, str(tmp_path / "f.mp4")]) == 2
     assert "heli_twin[film]" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["f.gif"]
+
+
+@pytest.mark.usefixtures("graphics")
+@pytest.mark.parametrize("name", ["f.mp4", "f.gif"])
+def test_a_full_disk_leaves_no_half_film(name: str, path: Path, tmp_path: Path) -> None:
+    with disk_of(3000), pytest.raises(HeliTwinError, match=r"cannot (be )?writ"):
+        film([path], tmp_path / name, Take(end=0.4, fps=5, size=(320, 180)))
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_imported_recording_is_filmed_by_the_cameras(log: Log) -> None:

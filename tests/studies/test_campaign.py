@@ -198,6 +198,8 @@ def test_logs_of_failed_and_worst_flights_are_kept_and_no_others(small, tmp_path
     assert failed < kept
     assert len(kept - failed) == 1
     assert {row["disturbances.gust.strength"] for row in rows if row["id"] in kept - failed} == {0.3}
+    told = {run.id: run.what for run in worst_runs(tmp_path)}
+    assert all(" cm (" in told[id] for id in kept - failed), "a person reads cm"
 
 
 def test_a_printed_command_flies_the_same_experiment(small, tmp_path):
