@@ -261,6 +261,9 @@ def ensemble(calibrated: Calibrated, count: int = DRAWS) -> str:
         "",
         "[base.controller.model]",
         *(f"{name} = {value:.6g}" for name, (value, _) in _model(point(calibrated)).items()),
+        "",
+        "[base.envelope]",
+        *(f"{name} = {json.dumps(v)}" for name, v in covered(calibrated.fit.problem.flights).plain().items()),
     ]
     for i, p in enumerate(draws(calibrated, count), 1):
         twin = twin_of(calibrated.base, p, calibrated.mass, calibrated.kept)

@@ -139,6 +139,7 @@ def run_(parsed: Namespace) -> int:
     if parsed.workers is not None and parsed.workers < 1:
         raise StudyError(f"--workers {parsed.workers}: give 1 or more")
     study = load_study(parsed.study, parsed.overrides)
+    warn_outside(study)
     out = parsed.out or STUDIES / study.name
     try:
         with Watch(study) as watch:
@@ -159,6 +160,19 @@ def run_(parsed: Namespace) -> int:
 
         say(f"report {write_report(out)}")
     return 1 if {"killed", "hung", "error", "invalid"} & count.failed.keys() else 0
+
+
+def warn_outside(study: "Study") -> None:
+    """Say where plans leave what the flights of a calibration covered that the study begins with."""
+    from heli_twin.studies.plan import outside, plan_of, study_envelope
+
+    left = outside(plan_of(study)) if study_envelope(study) else []
+    if left:
+        print(
+            "heli-twin: the calibrated helicopter is a guess for some flights, whose plans leave what its flights"
+            f" covered: {'; '.join(left)}",
+            file=sys.stderr,
+        )
 
 
 def _backend(parsed: Namespace) -> "Callable[[StudyPlan, float], Backend]":

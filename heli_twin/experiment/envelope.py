@@ -86,14 +86,25 @@ def envelope_in(source: str | None) -> Envelope | None:
         ExperimentError: The file cannot be read, or its envelope is none; the message names the entry.
     """
     table = table_in(source, "envelope") if source else {}
-    if not table:
-        return None
+    return envelope_of(table, f"{clean(source, 200)}: envelope") if table else None
+
+
+def envelope_of(table: Any, path: str) -> Envelope:
+    """Return the envelope that a table says.
+
+    Args:
+        table: Of a TOML file.
+        path: Where it stands, for messages.
+
+    Raises:
+        ExperimentError: It is none; the message names the entry.
+    """
+    if not isinstance(table, dict):
+        raise ExperimentError(f"{path} = {clean(table, 60)} is not a table")
     unknown = next((name for name in table if name not in Envelope._fields), None)
     if unknown is not None:
-        raise ExperimentError(
-            f"{clean(source, 200)}: envelope.{clean(unknown, 40)} is no range. Available: {', '.join(Envelope._fields)}"
-        )
-    return Envelope(**{name: _range(f"{clean(source, 200)}: envelope.{name}", name, v) for name, v in table.items()})
+        raise ExperimentError(f"{path}.{clean(unknown, 40)} is no range. Available: {', '.join(Envelope._fields)}")
+    return Envelope(**{name: _range(f"{path}.{name}", name, value) for name, value in table.items()})
 
 
 def _range(path: str, name: str, value: Any) -> Any:

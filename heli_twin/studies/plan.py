@@ -11,11 +11,13 @@ from controllers.markers import OneOf
 from controllers.programs import named
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.differences import told
+from heli_twin.experiment.envelope import Envelope, envelope_in, envelope_of
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.own import with_commands
 from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.text import load, presets
 from heli_twin.experiment.tree import canonical_json, experiment_of
+from heli_twin.metrics.reach import planned_reach
 from heli_twin.studies.axes import Values, axis_of
 from heli_twin.studies.columns import check_metrics
 from heli_twin.studies.designs import Batches, Point
@@ -121,8 +123,29 @@ def plan_of(study: Study) -> StudyPlan:
             f"this study is {_told(runs)} flights, more than max_runs = {study.max_runs:,}: take fewer values or "
             "replicates, or raise max_runs"
         )
-    _check_levels(plan.space)
+    # No flight is refused later.
+    for _ in corners(plan.space):
+        pass
     return plan
+
+
+def outside(plan: StudyPlan) -> list[str]:
+    """Return where plans of a study leave the envelope of the calibration that it begins with, a phrase a range."""
+    envelope = study_envelope(plan.study)
+    if envelope is None:
+        return []
+    phrases = (phrase for experiment in corners(plan.space) for phrase in envelope.left_by(planned_reach(experiment)))
+    # The first words name the range.
+    return list({phrase.partition(" ")[0]: phrase for phrase in phrases}.values())
+
+
+def study_envelope(study: Study) -> Envelope | None:
+    """Return the envelope that a study's base says, or that of the calibration which it begins with."""
+    table = study.base.get("envelope")
+    if table is not None:
+        return envelope_of(table, "base.envelope")
+    preset = study.base.get("preset")
+    return envelope_in(preset) if isinstance(preset, str) else None
 
 
 def _with_named_programs(study: Study) -> Study:
@@ -148,9 +171,12 @@ def _base(study: Study) -> str:
     """The base experiment, with the study's changes."""
     changes = dict(study.base)
     preset = changes.pop("preset", None)
+    changes.pop("envelope", None)
     if preset is not None and not isinstance(preset, str):
         raise StudyError(f"base.preset = {clean(preset, 60)} names no preset. Available: {', '.join(presets())}")
-    start = canonical_json(load(preset))
+    # A law that is named by its kind alone believes what a calibration says.
+    kinds = [f"{part}={changes[part]}" for part in ("controller", "estimator") if isinstance(changes.get(part), str)]
+    start = canonical_json(load(preset, kinds))
     return canonical_json(experiment_of(varied(start, changes)))
 
 
@@ -178,14 +204,18 @@ def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
     return (Alternative("base", {}),), ""
 
 
-def _check_levels(space: Space) -> None:
-    """Check every alternative with every value of every axis, so that no flight is refused later."""
+def corners(space: Space) -> Iterator[Experiment]:
+    """Yield every alternative with every value of every axis, of those with a distribution its ends.
+
+    Raises:
+        ExperimentError: One of them cannot be flown.
+    """
     for alternative in space.alternatives:
-        experiment_of(varied(space.base, alternative.changes))
+        yield experiment_of(varied(space.base, alternative.changes))
         for path, axis in space.axes.items():
             # Between two numbers that a field accepts it accepts all.
             for value in axis.values if isinstance(axis, Values) else (axis.quantile(0.0), axis.quantile(0.999)):
-                experiment_of(varied(space.base, alternative.changes | {path: value}))
+                yield experiment_of(varied(space.base, alternative.changes | {path: value}))
 
 
 def shown_value(value: Any) -> Any:
