@@ -20,7 +20,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "Film a recorded flight without a screen: the helicopter with its trail, the reference (black) and the plan\n"
         "of its controller (purple), and below it the distance from the reference; grey means no poses.\n"
         "It needs a driver that draws (on Debian and Ubuntu `apt install libegl1 libgl1-mesa-dri`), and for MP4 PyAV:\n"
-        "`pip install 'heli_twin[film]'`. A square of the floor is 25 cm wide.",
+        "`pip install 'heli-twin[film]'`. A square of the floor is 25 cm wide.",
         "  heli-twin film logs/RUN.mcap flight.mp4\n"
         "  heli-twin film A.mcap B.mcap compared.mp4 --camera top\n"
         "  heli-twin film logs/RUN.mcap landing.gif --from 5 --to 9 --camera follow",

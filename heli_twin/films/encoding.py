@@ -10,7 +10,7 @@ from PIL import Image
 from heli_twin.errors import HeliTwinError
 from heli_twin.terminal_text import clean
 
-NEEDS_PYAV = "an MP4 needs PyAV: pip install 'heli_twin[film]', or give a name that ends in .gif, which needs nothing"
+NEEDS_PYAV = "an MP4 needs PyAV: pip install 'heli-twin[film]', or give a name that ends in .gif, which needs nothing"
 NEEDS_H264 = "this build of PyAV has no H.264 encoder: give a name that ends in .gif"
 QUALITY = {"crf": "21", "preset": "veryfast"}
 THREADS = 2

@@ -17,12 +17,14 @@ from heli_twin.metrics.motion import statistics
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log, LogError, read_log
 from heli_twin.recording.head import read_head
+from heli_twin.recording.log import Messages
 
 ENDINGS = (".mcap", ".mcap.part")
-TOPICS = ("/truth", "/mocap/pose", "/reference", "/mpc/qp", "/timing", "/command/sent")
-"""The topics that the errors are computed from."""
-BYTES_PER_S = 50e6
+TOPICS = ("/truth", "/reference", "/mpc/qp", "/timing", "/command/sent")
+"""The topics that the errors are computed from; of a log without a truth, the poses too."""
+BYTES_PER_S = 80e6
 """Speed of a pass over messages, for the sentence that says how long it takes."""
+NOTHING = Messages((), ())
 UNREADABLE = "unreadable"
 """The outcome of a file that is no log that can be read."""
 
@@ -109,6 +111,8 @@ def measured(row: LogRow) -> LogRow:
         return row
     try:
         log = read_log(row.path, TOPICS)
+        if not log.messages.get("/truth", NOTHING).times:
+            log = read_log(row.path, (*TOPICS, "/mocap/pose"))
         controller = viewed_experiment(log).controller if row.experiment else None
         with np.errstate(all="ignore"):
             found = flat(metrics(log)) | flat(measures(log, controller))

@@ -132,7 +132,7 @@ def test_a_gif_needs_no_pyav(path: Path, tmp_path: Path, monkeypatch: pytest.Mon
     with Image.open(tmp_path / "f.gif") as gif:
         assert (gif.n_frames, gif.size, gif.info["duration"]) == (2, (320, 180), 200)
     assert main(["film", *words, str(tmp_path / "f.mp4")]) == 2
-    assert "heli_twin[film]" in capsys.readouterr().err
+    assert "heli-twin[film]" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["f.gif"]
 
 
