@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from controllers.rotations import yaw_of
 from controllers.signals import Array
 from heli_twin.calibration.parameters import Lab
-from heli_twin.identification.data import MAX_JUMP_RAD, MIN_HEIGHT_M, WARM_UP_S, clean_poses
+from heli_twin.identification.data import MIN_HEIGHT_M, WARM_UP_S, angles_of, clean_poses
 from heli_twin.recording import Log
 
 STEP_S = 1e-3
@@ -166,9 +165,7 @@ def flight_of(log: Log, name: str, lab: Lab, seed: int | None, cut: Cut = FITTED
     t, position, quat = clean_poses(log)
     if len(log.sent.time) < 2 or len(t) < 2:
         return None
-    angles = _angles(quat)
-    steady = _steady(angles)
-    t, pose = t[steady], np.column_stack([position, angles])[steady]
+    pose = np.column_stack([position, angles_of(quat)])
     origin = 1e-9 * float(log.sent.time[0])
     end = min(1e-9 * float(log.sent.time[-1]), float(t[-1]))
     inside = (t >= origin + WARM_UP_S) & (t <= end) & (pose[:, 2] > MIN_HEIGHT_M)
@@ -177,23 +174,6 @@ def flight_of(log: Log, name: str, lab: Lab, seed: int | None, cut: Cut = FITTED
         return None
     windows = Windows(*(np.stack(column) for column in zip(*pieces, strict=True)))
     return Flight(name, seed, origin, int(windows.first[-1]) + cut.steps + 1, Sent(log, lab), windows)
-
-
-def _angles(quat: Array) -> Array:
-    """Yaw (unwrapped), pitch and roll (n, 3) of unit attitudes."""
-    w, x, y, z = quat.T
-    pitch = np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return np.asarray(np.column_stack([np.unwrap(yaw_of(quat)), pitch, roll]), np.float64)
-
-
-def _steady(angles: Array) -> NDArray[np.bool_]:
-    """Which attitudes are near the median of their neighbours; a swapped marker tilts the body."""
-    if len(angles) < 5:
-        return np.ones(len(angles), np.bool_)
-    padded = np.pad(angles, ((2, 2), (0, 0)), mode="edge")
-    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0), axis=-1)
-    return np.asarray((np.abs(angles - around) < MAX_JUMP_RAD).all(axis=1))
 
 
 def _windows(s: Array, pose: Array, cut: Cut) -> Iterator[tuple[int, Array, Array, Array, Array, Array]]:

@@ -77,7 +77,10 @@ def stretches(log: Log, name: str) -> Iterator[Stretch]:
 
 
 def clean_poses(log: Log) -> tuple[Array, Array, Array]:
-    """Return capture times (n,), s, positions (n, 3), m, and unit attitudes (n, 4) without outliers and repetitions."""
+    """Return capture times (n,), s, positions (n, 3), m, and unit attitudes (n, 4) without outliers and repetitions.
+
+    A mistaken marker moves or turns the body from one pose to the next. `identify` and `calibrate` clean alike.
+    """
     stamp, first = np.unique(log.pose.stamp, return_index=True)
     q, position = log.pose.quat_wxyz[first], log.pose.position[first]
     finite = np.isfinite(position).all(axis=1) & np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1, initial=0) > 0.1)
@@ -85,11 +88,19 @@ def clean_poses(log: Log) -> tuple[Array, Array, Array]:
     unit = q[finite] / np.linalg.norm(q[finite], axis=1, keepdims=True)
     if len(position) < 5:
         return t[:0], position[:0], unit[:0]
-    pose = np.column_stack([position, np.unwrap(yaw_of(unit))])
+    pose = np.column_stack([position, angles_of(unit)])
     around = np.lib.stride_tricks.sliding_window_view(np.pad(pose, ((2, 2), (0, 0)), mode="edge"), 5, axis=0)
     jump = np.abs(pose - np.median(around, axis=-1))
-    steady = (jump[:, :3] < MAX_JUMP_M).all(axis=1) & (jump[:, 3] < MAX_JUMP_RAD)
+    steady = (jump[:, :3] < MAX_JUMP_M).all(axis=1) & (jump[:, 3:] < MAX_JUMP_RAD).all(axis=1)
     return t[steady], position[steady], unit[steady]
+
+
+def angles_of(quat_wxyz: Array) -> Array:
+    """Return yaw (unwrapped), pitch and roll (n, 3) of unit attitudes (n, 4)."""
+    w, x, y, z = quat_wxyz.T
+    pitch = np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return np.asarray(np.column_stack([np.unwrap(yaw_of(quat_wxyz)), pitch, roll]), np.float64)
 
 
 def _clean(log: Log) -> tuple[Array, Array]:
