@@ -30,6 +30,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "A command counts from the time of its row on. The log has no truth, and no reference unless a trajectory\n"
         "is given.",
         "  heli-twin import take.csv\n"
+        "  heli-twin import take.csv --commands sent.csv      # then calibrate and identify can use it\n"
         "  heli-twin import take.csv --list\n"
         "  heli-twin import poses.csv --map time=t,x=px,y=py,z=pz,yaw=heading,ux=0 --units mm\n"
         "  heli-twin import poses.csv controller.model.b_z=17.5 mocap.latency=0.008 --out flight.mcap",
@@ -51,6 +52,12 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument(
         "--rotation", default="", choices=["euler", "vector"], help="what Vicon's RX RY RZ are (default: euler)"
     )
+    parser.add_argument(
+        "--commands",
+        type=file_path,
+        metavar="FILE.csv",
+        help="the sent commands, where the cameras know none: columns time (s, on their clock), ux, uy, uz, uyaw",
+    )
     parser.add_argument("--unchecked", action="store_true", help="import what no helicopter in a room can have left")
     parser.add_argument("--list", action="store_true", help="show what is recognised, and import nothing")
     parser.add_argument("--out", type=file_path, metavar="RUN.mcap", help="the log (default: beside the recording)")
@@ -64,7 +71,7 @@ def run(parsed: Namespace) -> int:
     options = Options(parsed.body, parsed.rotation, parsed.map)
     if parsed.rate and not 1.0 <= parsed.rate <= 10_000.0:
         raise ImportRefused(f"--rate {parsed.rate:g} is no rate of cameras: 1 to 10000 Hz")
-    reading = Reading(options, parsed.frame, parsed.units, parsed.rate, not parsed.unchecked)
+    reading = Reading(options, parsed.frame, parsed.units, parsed.rate, not parsed.unchecked, parsed.commands)
     if parsed.list:
         say(f"{parsed.poses}: {recognised(parsed.poses).TITLE}")
         take, recording = read_recording(parsed.poses, reading)

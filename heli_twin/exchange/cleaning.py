@@ -59,6 +59,8 @@ class Clean(NamedTuple):
     lost: int
     """Rows without a pose."""
     blemishes: tuple[Blemish, ...]
+    start: float = 0.0
+    """Time of the first row on the recording's own clock, s."""
 
 
 def clean(take: Take, *, frame: str = "", unit: str = "", rate: float = 0.0) -> Clean:
@@ -114,6 +116,7 @@ def clean(take: Take, *, frame: str = "", unit: str = "", rate: float = 0.0) -> 
         1.0 / period,
         lost,
         tuple(found),
+        float(start),
     )
 
 

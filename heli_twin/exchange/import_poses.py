@@ -17,6 +17,7 @@ from controllers.reference import ReferencePreview
 from controllers.signals import Array, Command, Pose, nanoseconds
 from controllers.trajectories.hover import Hover
 from heli_twin.exchange.cleaning import Blemish, Clean, clean
+from heli_twin.exchange.commands_file import with_commands
 from heli_twin.exchange.formats import Format, ImportRefused, Options, Take, formats, head_of
 from heli_twin.exchange.frames import FRAMES, LENGTH_UNITS_M
 from heli_twin.exchange.plausibility import check_plausible
@@ -40,6 +41,8 @@ class Reading(NamedTuple):
     """Hz, where the time column counts frames."""
     is_checked: bool = True
     """Refuse a recording that cannot be of a helicopter in a room."""
+    commands: Path | None = None
+    """A file with the sent commands, where the recording has none."""
 
 
 AS_EXPORTED = Reading()
@@ -131,7 +134,7 @@ def read_recording(path: Path, reading: Reading) -> tuple[Take, Clean]:
             check_plausible(take, recording, reading.frame, reading.unit, reading.rate)
     except ImportRefused as error:
         raise ImportRefused(f"{path}: {error}") from None
-    return take, recording
+    return take, with_commands(recording, reading.commands) if reading.commands else recording
 
 
 class _Wires(NamedTuple):
