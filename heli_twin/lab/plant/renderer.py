@@ -31,6 +31,7 @@ HORIZON, ZENITH = (0.93, 0.95, 0.97), (0.72, 0.82, 0.92)
 FLOOR_LIGHT, FLOOR_DARK = (0.80, 0.82, 0.85), (0.72, 0.75, 0.79)
 FIELD_OF_VIEW_DEG = 40.0
 """From the lower to the upper border of a picture."""
+DRIVERS = ("egl", "osmesa", "cgl", "glfw")
 NO_GRAPHICS = (
     "no picture can be drawn here, since MuJoCo finds no graphics driver ({why}): on Debian and Ubuntu"
     " `apt install libegl1 libgl1-mesa-dri` draws without a screen and without a graphics card"
@@ -294,13 +295,11 @@ def _engine() -> Any:
 def _graphics(width: int, height: int) -> Any:
     """A graphics context without a window, of the driver that `MUJOCO_GL` names; on Linux EGL by default."""
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if wanted not in DRIVERS:
+        # The command line has the engine loaded without any.
+        wanted = {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw")
     try:
-        if wanted in ("egl", "osmesa") or (not wanted and sys.platform.startswith("linux")):
-            # The package itself chooses at its import, which has been long ago.
-            return import_module(f"mujoco.{wanted or 'egl'}").GLContext(width, height)
-        return engine().GLContext(width, height)
-    except HeliTwinError:
-        raise
+        return import_module(f"mujoco.{wanted}").GLContext(width, height)
     except Exception as error:
         why = " ".join(str(error).split())[:80] or type(error).__name__
         raise HeliTwinError(NO_GRAPHICS.format(why=why)) from None
