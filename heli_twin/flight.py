@@ -17,7 +17,7 @@ from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, nanoseconds
 from heli_twin.experiment import Experiment, Volume
 from heli_twin.lab import disturbances
-from heli_twin.lab.chance import Chance, generator
+from heli_twin.lab.chance import Chance, generator, mixed
 from heli_twin.lab.disturbances import ALONE, air_of, together
 from heli_twin.lab.faults import Faults
 from heli_twin.lab.mocap import Arrival
@@ -52,7 +52,7 @@ class Flight:
         plant: The helicopter, at the start of the trajectory.
         recorder: Takes what crosses the wires.
         progress: Told the simulated time, s, at every control step.
-        chance: Source of every random number; another one than the seed's makes it a flight of no experiment.
+        chance: Source of every random number in place of the experiment's; it is then a flight of no experiment.
     """
 
     def __init__(
@@ -61,9 +61,10 @@ class Flight:
         plant: Plant,
         recorder: Recorder,
         progress: Callable[[float], None] = lambda t: None,
-        chance: Chance = generator,
+        chance: Chance | None = None,
     ) -> None:
         e = experiment
+        chance = chance or (mixed(e.noise) if e.noise else generator)
         self.experiment, self.plant, self.recorder, self.progress = e, plant, recorder, progress
         self.step, self.period = nanoseconds(e.plant.step), nanoseconds(e.controller.period)
         self.end = self.on_grid(nanoseconds(e.duration))

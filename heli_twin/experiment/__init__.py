@@ -9,7 +9,7 @@ supervisor believes is `LAB_SUPERVISOR`.
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Le, Unit, doc
+from annotated_types import Ge, Gt, Le, MaxLen, Unit, doc
 
 from controllers.estimators import EstimatorSpec
 from controllers.estimators.kalman import Kalman
@@ -102,3 +102,11 @@ class Experiment:
     ] = (Bias(), Gust())
     faults: Annotated[tuple[Fault | Named[Fault], ...], EachOf("heli_twin.lab.faults"), doc("what breaks")] = ()
     volume: Annotated[Volume, doc("where the flight may go")] = field(default_factory=Volume)
+    noise: Annotated[
+        tuple[tuple[Annotated[int, Ge(0), Le(2**53)], Annotated[float, Ge(-100), Le(100)]], ...],
+        MaxLen(10_000),
+        doc(
+            "seeds and weights: all noise is their weighted sum, `[[1, 0.6], [2, 0.8]]`; none of it for `[[0, 0]]`;"
+            " empty: that of `seed`"
+        ),
+    ] = ()

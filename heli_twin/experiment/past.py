@@ -56,6 +56,7 @@ PAST: dict[str, Past] = {
     f"{_KALMAN}.gust_time": Past(5, 0.7),
     f"{_KALMAN}.mean_time": Past(4, 10.0),
     f"{_KALMAN}.floor": Past(4, 0.0),
+    "heli_twin.experiment.Experiment.noise": Past(6, []),
     "heli_twin.experiment.Experiment.supervisor": Past(5, {"kind": "off"}),
     "heli_twin.experiment.Experiment.excitation": Past(5, {"kind": "off"}),
     f"{_SAFETY}.level_after": Past(5, 0.5, is_new=False),
