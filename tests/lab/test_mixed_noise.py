@@ -61,5 +61,5 @@ def test_without_noise_a_hover_stays_where_it_is() -> None:
 
 
 def test_an_experiment_without_a_mixture_has_the_text_it_had() -> None:
-    assert "noise" not in canonical_json(Experiment())
+    assert '"noise":' not in canonical_json(Experiment())
     assert '"noise":[[5,0.6]]' in canonical_json(Experiment(noise=((5, 0.6),)))
