@@ -18,6 +18,7 @@ from heli_twin.reporting.figure import color
 CameraKind = Literal["follow", "room", "top"]
 TRAIL_S = 3.0
 MOST_PATH_POINTS, MOST_TRAIL_POINTS = 200, 50
+PLUMB_COLOR = "#8a9099"
 ROTOR_RATE_REV_S = 1.7
 """Speed of the drawn rotors: slow enough to see them turn."""
 FOLLOW_M, FOLLOW_SMOOTHING_S, NEAREST_M = 0.9, 0.6, 0.8
@@ -94,8 +95,9 @@ def pose(flight: Shown, t: float) -> Pose:
 
 
 def drawing(flight: Shown, t: float, here: Array) -> tuple[list[Line], list[Ball]]:
-    """Reference path, trail and plan as lines, and the reference as a ball."""
-    lines, balls = [], []
+    """Plumb line, reference path, trail and plan as lines, and the reference as a ball."""
+    # Down to the floor, so that the eye has the height.
+    lines, balls = [Line(np.array([here, [here[0], here[1], 0.0]]), _rgba(PLUMB_COLOR), 1.0)], []
     if len(flight.path) > 1:
         lines.append(Line(flight.path, _rgba(REFERENCE_COLOR), 1.5))
     time, state = flight.moved.time, flight.moved.state
