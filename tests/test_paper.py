@@ -369,7 +369,7 @@ def test_one_seed_compares_nothing(paper):
 class Page(HTMLParser):
     """What a browser would look for."""
 
-    VOID = ("meta", "link", "img")
+    VOID = ("meta", "link", "img", "wbr")
 
     def __init__(self):
         super().__init__()
@@ -396,6 +396,10 @@ def test_the_page_is_whole(paper):
     assert len(set(page.ids)) == len(page.ids)
     for link in page.links:
         assert link == "data:," or (link[1:] in page.ids if link.startswith("#") else (folder / link).exists()), link
+    # It begins with the figures.
+    titles = re.findall(r"<h2>(.*?)</h2>", text)
+    assert titles[0].startswith("Fig")
+    assert titles.index("Verdicts") > 2
     drawn = {path.read_bytes() for path in folder.glob("*.svg")}
     assert {b64decode(image.removeprefix("data:image/svg+xml;base64,")) for image in page.images} == drawn
     for svg in drawn:

@@ -142,7 +142,7 @@ def run_(parsed: Namespace) -> int:
     warn_outside(study)
     out = parsed.out or STUDIES / study.name
     try:
-        with Watch(study) as watch:
+        with Watch(study, out) as watch:
             options = {"again": parsed.again, "accept_old": parsed.accept_old}
             count = run_study(study, out, backend=_backend(parsed), watch=watch, **options)
     except KeyboardInterrupt as stop:
@@ -201,9 +201,12 @@ def _summary(count: "StudyProgress", out: Path) -> str:
 
 
 class Watch:
-    """Progress for a person: a bar on a terminal, else a line now and then."""
+    """Progress for a person: a bar on a terminal, else a line now and then, and a page that refreshes itself."""
 
-    def __init__(self, study: "Study") -> None:
+    def __init__(self, study: "Study", folder: Path) -> None:
+        from heli_twin.studies.report.progress import ProgressPage
+
+        self._page = ProgressPage(study, folder)
         self._name = clean(study.name, NAME_LIMIT)
         self._bar = progress_bar()
         self._task = self._bar.add_task(self._name, total=None)
@@ -211,6 +214,7 @@ class Watch:
 
     def __call__(self, count: "StudyProgress") -> None:
         """Show how far it is."""
+        self._page(count)
         now = monotonic()
         rate = count.flown / max(now - self._began, 1e-3)
         failed = ", ".join(f"{number} {kind}" for kind, number in sorted(count.failed.items()))
@@ -230,6 +234,7 @@ class Watch:
 
     def __exit__(self, *error: object) -> None:
         self._bar.stop()
+        self._page.close("finished" if error[0] is None else "stopped: the same command goes on")
 
 
 PROGRESS_PERIOD_S = 10.0

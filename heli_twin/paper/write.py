@@ -127,15 +127,15 @@ def _sections(
     kinds = [claim.verdict for claim in judged]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
     sentence = f"{counts}. Every verdict follows from the numbers by a rule; computing times stand last, by themselves."
+    for shown in figures(flights):
+        yield _figure(flights, shown)
     yield claims_section("Verdicts", sentence, judged)
     yield table_section(causes(flights))
     yield table_section(baselines_table(flights))
     yield table_section(robustness_table(flights, loops))
     yield table_section(gains_table())
-    for shown in figures(flights):
-        yield _figure(flights, shown)
-    yield table_section(beyond_table(flights))
     yield _figure(flights, beyond_figure(flights))
+    yield table_section(beyond_table(flights))
     if found is not None:
         yield table_section(parameters_table(flights.folder, found))
     yield table_section(flown_table(flights, seeds, duration))

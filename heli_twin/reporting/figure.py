@@ -89,6 +89,8 @@ class Figure(NamedTuple):
     sentence: str
     """One sentence on what it shows."""
     panels: Sequence[Panel]
+    same_x: bool = False
+    """Whether all panels have one x scale, so that they can be compared."""
 
 
 class Table(NamedTuple):
@@ -127,11 +129,43 @@ def decades(values: Array) -> bool:
 
 
 def edges(centres: Array, log: bool) -> Array:
-    """The n + 1 borders of the cells of a map about these n ascending values."""
+    """The n + 1 borders of the cells of a map about these n ascending values; none is negative if no value is."""
     at = np.log(centres) if log else np.asarray(centres, float)
     if len(at) == 1:
         at = at + np.array([-0.5, 0.5])
     else:
         between = 0.5 * (at[1:] + at[:-1])
         at = np.concatenate([[2 * at[0] - between[0]], between, [2 * at[-1] - between[-1]]])
-    return np.exp(at) if log else at
+    if log:
+        return np.exp(at)
+    return np.maximum(at, 0.0) if centres[0] >= 0.0 else at
+
+
+BARS_SENTENCE = "Coloured bars raise it, grey ones lower it"
+"""Explains the colours of bars."""
+CELLS_WITH_NUMBERS = 12
+"""A map with more columns or rows has no room for numbers in its cells."""
+
+
+def is_negative(mark: Mark) -> bool:
+    """Return whether some value along x is negative; an interval alone does not make it so."""
+    match mark:
+        case Curve() | Heat():
+            values = mark.x
+        case Bars():
+            values = np.concatenate([mark.start, mark.start + mark.length])
+        case Dots():
+            values = mark.value
+    return bool(np.nanmin(values, initial=0.0) < 0.0)
+
+
+def spans_decades(values: Sequence[Array]) -> bool:
+    """Return whether values span so many decades that an axis has powers of ten as its ticks."""
+    every = np.concatenate([np.ravel(part) for part in values]) if len(values) else np.zeros(0)
+    every = every[np.isfinite(every) & (every > 0.0)]
+    return bool(len(every) and every.max() >= 99 * every.min())
+
+
+def power(value: float) -> str:
+    """A power of ten as `10⁻³`."""
+    return f"10{str(round(np.log10(value))).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"

@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -37,8 +38,14 @@ def json_block(data: Any) -> str:
 
 
 def _cell(text: str, is_code: bool) -> str:
-    text = html.escape(text)
-    return f"<td><code>{text}</code></td>" if is_code and text else f"<td>{text}</td>"
+    if is_code and text:
+        return f"<td><code>{html.escape(text)}</code></td>"
+    return f"<td>{_PATH.sub(BREAK_HERE, html.escape(text))}</td>"
+
+
+_PATH = re.compile(r"(?<=[a-z_][./_])(?=[a-z])")
+BREAK_HERE = "<wbr>"
+"""Lets a long path of a field or a file go on in the next line."""
 
 
 def html_page(title: str, question: str, sections: Sequence[Section], *, style: str = "", scripts: str = "") -> str:
@@ -77,19 +84,19 @@ section > p { margin: .2rem 0 .6rem; max-width: 75ch; }
 .table { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; }
 th, td { text-align: left; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
 td { min-width: 5.5rem; } td:first-child { min-width: 9rem; } td { font-variant-numeric: tabular-nums; }
+h1, h2, td, th { overflow-wrap: break-word; }
 code { font-size: .85em; background: #f4f4f4; padding: .1em .3em; user-select: all; overflow-wrap: anywhere; }
-td:first-child code { white-space: nowrap; }
 .tools { display: flex; gap: 1rem; justify-content: space-between; font-size: .85rem; min-height: 1.5em; }
 .tools { max-width: none; }
-@page { size: A4 landscape; margin: 12mm; }
+@page { size: A4; margin: 12mm; }
 @media print {
-  :root { font-size: 12px; } body { max-width: none; padding: 0; }
+  :root { font-size: 11px; } body { max-width: none; padding: 0; }
   nav, .tools { display: none; }
-  section { margin: 1.2rem 0; break-inside: auto; } section:has(img) { break-inside: avoid; }
+  section { margin: 1rem 0; break-inside: auto; } section:has(img) { break-inside: avoid; }
   section > p { max-width: none; } h2, h2 + p { break-after: avoid; }
   .table { overflow: visible; } table { width: 100%; } td, td:first-child { min-width: 0; }
   thead { display: table-header-group; } tr { break-inside: avoid; }
-  img { max-width: 100%; min-width: 50%; max-height: 130mm; object-fit: contain; object-position: left; }
+  img { max-width: 100%; max-height: 200mm; object-fit: contain; object-position: left; }
   a, code { color: inherit; background: none; text-decoration: none; }
 }
 """

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from heli_twin.reporting.figure import (
+    CELLS_WITH_NUMBERS,
     CONTOUR_RATE,
     Array,
     Bars,
@@ -18,7 +19,9 @@ from heli_twin.reporting.figure import (
     Panel,
     color,
     edges,
+    is_negative,
     shades,
+    spans_decades,
 )
 
 Trace = dict[str, Any]
@@ -30,6 +33,10 @@ ROW_PX = 330
 DIVERGING_SCALE = [[0.0, "#2166ac"], [0.5, "#f7f7f7"], [1.0, "#b2182b"]]
 """Colours of differences: blue is less, red is more."""
 LINE_DASHES = {"dashes": "dash"}
+FEW_POINTS = 300
+"""So many points have room to be large."""
+LETTER_PX = 6.6
+"""Width of a letter of the names beside bars and dots."""
 
 
 def library() -> str:
@@ -87,9 +94,11 @@ def _curve(mark: Curve) -> Iterator[Trace]:
     trace: Trace = {"x": _list(mark.x), "y": _list(mark.y), "name": _plain(mark.label), "mode": "lines+markers"}
     trace["line"] = {"color": color(mark.color), "dash": LINE_DASHES.get(mark.style, "solid")}
     trace["marker"] = {"color": color(mark.color), "size": 6}
+    # A point at zero is seen whole.
+    trace["cliponaxis"] = False
     if mark.style == "points":
         trace |= {"mode": "markers", "type": "scattergl" if len(mark.x) > 1000 else "scatter"}
-        trace["marker"] |= {"size": 4, "opacity": 0.6}
+        trace["marker"] |= {"size": 7, "opacity": 0.75} if len(mark.x) <= FEW_POINTS else {"size": 4, "opacity": 0.6}
     elif mark.style in ("steps", "dashes"):
         trace["mode"] = "lines"
         trace["line"] |= {"shape": "hv"}
@@ -119,7 +128,7 @@ def _dots(panel: Panel, mark: Dots) -> Trace:
     trace["hoverinfo"] = "text"
     if mark.texts:
         # The interval is drawn already.
-        short = [_plain(text.partition(" [")[0]) for text in mark.texts]
+        short = [_plain(text.partition(" [")[0].partition(" (")[0]) for text in mark.texts]
         trace |= {"mode": "markers+text", "cliponaxis": False, "text": short}
         trace |= {"textposition": "top center", "textfont": {"size": 11}}
     return _with_commands(trace, mark.commands)
@@ -133,6 +142,8 @@ def _heat(panel: Panel, mark: Heat) -> Iterator[Trace]:
     if mark.commands:
         trace["customdata"] = [list(row) for row in mark.commands]
     yield trace
+    if max(mark.values.shape) <= CELLS_WITH_NUMBERS:
+        yield _numbers(mark)
     if mark.failure is not None and np.nanmax(mark.failure) >= CONTOUR_RATE > np.nanmin(mark.failure):
         line = {"coloring": "none", "start": CONTOUR_RATE, "end": CONTOUR_RATE, "size": 1}
         yield {
@@ -140,6 +151,20 @@ def _heat(panel: Panel, mark: Heat) -> Iterator[Trace]:
             "contours": line, "line": {"color": "black", "width": 3}, "hoverinfo": "skip", "showlegend": False,
             "showscale": False,
         }  # fmt: skip
+
+
+def _numbers(mark: Heat) -> Trace:
+    """The value in each cell, dark on light and light on dark."""
+    x, y = np.meshgrid(mark.x, mark.y)
+    values = mark.values.ravel()
+    low, high = mark.limits or (np.nanmin(values, initial=0.0), np.nanmax(values, initial=0.0))
+    most = max(float(np.nanmax(np.abs(values), initial=0.0)), 1e-30)
+    is_dark = np.abs(values) > 0.6 * most if mark.diverging else values < 0.5 * (low + high)
+    return {
+        "type": "scatter", "mode": "text", "x": _list(x.ravel()), "y": _list(y.ravel()), "hoverinfo": "skip",
+        "text": [f"{value:.3g}" if np.isfinite(value) else "" for value in values], "showlegend": False,
+        "textfont": {"size": 10, "color": ["#fff" if dark else "#222" for dark in is_dark]},
+    }  # fmt: skip
 
 
 def _layout(figure: Figure, columns: int, width: int) -> dict[str, Any]:
@@ -156,8 +181,9 @@ def _layout(figure: Figure, columns: int, width: int) -> dict[str, Any]:
         "hovermode": "closest",
         "annotations": [],
     }
-    wide_names = names and width == WIDE_PX and columns > 1
-    left = 0.25 if wide_names else 0.15 if columns > 1 else 0.0
+    letters = max((len(name) for panel in figure.panels for name in _names(panel)), default=0)
+    of_names = LETTER_PX * letters / (width / columns)
+    left = min(max(of_names, 0.15), 0.6) if columns > 1 else 0.0
     gap = 95 / total
     tall = (1 - (rows - 1) * gap) / rows
     for number, panel in enumerate(figure.panels):
@@ -170,6 +196,8 @@ def _layout(figure: Figure, columns: int, width: int) -> dict[str, Any]:
             layout[f"coloraxis{tail}"] = _color_axis(heat, x1 - 0.06, y1 - tall, tall)
             x1 -= 0.07
         layout[f"xaxis{tail}"] = _x_axis(panel, [x0, x1], tail)
+        if figure.same_x and number:
+            layout[f"xaxis{tail}"]["matches"] = "x"
         layout[f"yaxis{tail}"] = _y_axis(panel, [max(0.0, y1 - tall), y1], tail)
         layout["annotations"].append(_title(panel, x0, y1))
     return layout
@@ -195,7 +223,9 @@ def _color_axis(mark: Heat, x: float, y: float, length: float) -> dict[str, Any]
 def _x_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
     axis = _axis(panel.x_label, domain, f"y{tail}") | {"type": "log" if panel.x_log else "linear"}
     if panel.x_log:
-        axis["dtick"] = "D2"
+        axis |= _log_ticks([mark.x for mark in panel.marks if isinstance(mark, Curve | Heat)])
+    elif not any(is_negative(mark) for mark in panel.marks):
+        axis["rangemode"] = "nonnegative"
     if ends := _ends(panel, 0):
         axis["range"] = ends
     elif any(isinstance(mark, Dots) for mark in panel.marks) and not panel.x_log:
@@ -215,9 +245,17 @@ def _y_axis(panel: Panel, domain: list[float], tail: str) -> dict[str, Any]:
     if names := _names(panel):
         ticks = {"tickvals": list(range(len(names))), "ticktext": [_plain(name) for name in names]}
         return axis | ticks | {"range": [len(names) - 0.4, -0.6], "automargin": True}
-    axis |= {"type": "log", "dtick": "D2"} if panel.y_log else {"rangemode": "tozero"}
+    if panel.y_log:
+        axis |= {"type": "log", **_log_ticks([mark.y for mark in panel.marks if isinstance(mark, Curve | Heat)])}
+    else:
+        axis["rangemode"] = "tozero"
     ends = _ends(panel, 1)
     return axis | ({"range": ends} if ends else {})
+
+
+def _log_ticks(values: Sequence[Array]) -> dict[str, Any]:
+    """Ticks of a logarithmic axis: powers of ten, or 1, 2 and 5 where there are few."""
+    return {"dtick": 1, "exponentformat": "power"} if spans_decades(values) else {"dtick": "D2"}
 
 
 def _ends(panel: Panel, side: int) -> list[float]:

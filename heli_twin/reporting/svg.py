@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from heli_twin.reporting.figure import (
+    CELLS_WITH_NUMBERS,
     CONTOUR_RATE,
     Bars,
     Curve,
@@ -17,6 +18,8 @@ from heli_twin.reporting.figure import (
     Panel,
     color,
     edges,
+    is_negative,
+    power,
     shades,
 )
 
@@ -64,6 +67,10 @@ def write_svg(figure: Figure, path: Path) -> None:
             _panel(axes, panel)
         for axes in places[len(panels) :]:
             axes.set_visible(False)
+        if figure.same_x:
+            ends = np.array([axes.get_xlim() for axes in places[: len(panels)]])
+            for axes in places[: len(panels)]:
+                axes.set_xlim(ends.min(), ends.max())
         _legend(canvas, figure)
         canvas.savefig(path, format="svg", metadata={"Date": None})
 
@@ -86,7 +93,10 @@ def _panel(axes: "Axes", panel: Panel) -> None:
     if panel.x_log:
         _log_scale(axes, "x")
     elif dots and axes.dataLim.x0 >= 0:
-        axes.set_xlim(left=0)
+        # Room for the text over the last dot.
+        axes.set_xlim(0, 1.1 * axes.dataLim.x1)
+    elif not any(is_negative(mark) for mark in panel.marks):
+        axes.set_xlim(left=max(axes.get_xlim()[0], 0.0))
     if panel.y_log:
         _log_scale(axes, "y")
     if any(isinstance(mark, Heat | Bars | Dots) for mark in panel.marks):
@@ -102,9 +112,9 @@ def _log_scale(axes: "Axes", name: Literal["x", "y"]) -> None:
     axis: Any = axes.xaxis if name == "x" else axes.yaxis
     axes.set(**{f"{name}scale": "log"})
     low, high = axis.get_view_interval()
-    subs = (1.0, 2.0, 5.0) if high < 10 * low else (1.0, 3.0) if high < 300 * low else (1.0,)
+    subs = (1.0, 2.0, 5.0) if high < 10 * low else (1.0, 3.0) if high < 100 * low else (1.0,)
     axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter("{x:g}")
+    axis.set_major_formatter("{x:g}" if len(subs) > 1 else lambda value, _: power(value))
     axis.set_minor_formatter(NullFormatter())
 
 
@@ -113,9 +123,11 @@ def _curve(axes: "Axes", mark: Curve) -> None:
     if mark.low is not None and mark.high is not None:
         axes.fill_between(mark.x, mark.low, mark.high, color=shade, alpha=0.15, linewidth=0)
     if mark.style == "points":
-        axes.plot(mark.x, mark.y, ".", color=shade, markersize=2, label=mark.label, rasterized=len(mark.x) > 5000)
+        size = 5 if len(mark.x) <= 300 else 2
+        axes.plot(mark.x, mark.y, ".", color=shade, markersize=size, label=mark.label, rasterized=len(mark.x) > 5000)
     elif mark.style == "line":
-        axes.plot(mark.x, mark.y, "o-", color=shade, label=mark.label)
+        # A point at zero is seen whole.
+        axes.plot(mark.x, mark.y, "o-", color=shade, label=mark.label, clip_on=False)
     else:
         axes.step(mark.x, mark.y, LINE_STYLES[mark.style], where="post", color=shade, label=mark.label)
 
@@ -139,9 +151,8 @@ def _dots(axes: "Axes", mark: Dots, offset: float) -> None:
         mark.value, y, xerr=error, fmt="o", color=color(mark.color), label=mark.label, elinewidth=1, capsize=2
     )
     for x, place, text in zip(mark.value, y, mark.texts, strict=False):
-        axes.annotate(
-            text.partition(" [")[0], (x, place), xytext=(0, 4), textcoords="offset points", ha="center", fontsize=6
-        )
+        short = text.partition(" [")[0].partition(" (")[0]
+        axes.annotate(short, (x, place), xytext=(0, 4), textcoords="offset points", ha="center", fontsize=6)
     axes.set_yticks(range(len(mark.names)), mark.names)
     axes.set_ylim(len(mark.names) - 0.4, -0.6)
 
@@ -158,8 +169,20 @@ def _heat(axes: "Axes", mark: Heat, panel: Panel) -> None:
     axes.set_xlim(x[0], x[-1])
     axes.set_ylim(y[0], y[-1])
     axes.figure.colorbar(picture, ax=axes, label=mark.unit)
+    if max(mark.values.shape) <= CELLS_WITH_NUMBERS // 2:
+        _numbers(axes, mark, picture)
     if mark.failure is not None and np.nanmax(mark.failure) >= CONTOUR_RATE > np.nanmin(mark.failure):
         axes.contour(mark.x, mark.y, mark.failure, [CONTOUR_RATE], colors="black", linewidths=1.5)
+
+
+def _numbers(axes: "Axes", mark: Heat, picture: Any) -> None:
+    """Write its value into each cell, dark on light and light on dark."""
+    shade = picture.cmap(picture.norm(mark.values))[..., :3].mean(axis=-1)
+    for j, y in enumerate(mark.y):
+        for i, x in enumerate(mark.x):
+            if np.isfinite(mark.values[j, i]):
+                ink = "black" if shade[j, i] > 0.5 else "white"
+                axes.text(x, y, f"{mark.values[j, i]:.3g}", ha="center", va="center", fontsize=5, color=ink)
 
 
 def _error(value: Any, low: Any, high: Any) -> Any:

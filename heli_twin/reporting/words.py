@@ -20,6 +20,8 @@ NAMES = {
     "spread": "scatter of the error",
     "sustained": "sustained error",
     "variation": "stick travel",
+    "effort": "stick effort",
+    "saturated": "time at a stick limit",
 }
 LENGTHS = ("rmse", "max_abs_error", "p95", "bias", "spread", "sustained")
 UNITS = {
@@ -28,6 +30,9 @@ UNITS = {
     "phase_lag": ("ms", 1e3),
     "settling_time": ("s", 1.0),
     "overshoot": ("%", 100.0),
+    "saturated": ("%", 100.0),
+    "effort": ("stick\u00b2", 1.0),
+    "variation": ("sticks/s", 1.0),
 }
 
 STORED_UNITS = {

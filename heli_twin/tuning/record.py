@@ -52,7 +52,8 @@ def origin(law: ControlLaw, records: Iterable[Record] = ()) -> str:
                 f"{name.replace('_', ' ')} {_shown(value)}" for name, value in record.items() if name != "controller"
             ]
             return f"{mine['kind']}, tuned{_but_for(mine, tuned)}: {', '.join(facts)}"
-    words = " ".join((getdoc(type(law)) or "").split("\n\n")[-1].split())
+    paragraphs = [text for text in (getdoc(type(law)) or "").split("\n\n") if not text.startswith("Fields:")]
+    words = " ".join(paragraphs[-1].split()) if paragraphs else ""
     differs = _but_for(mine, default)
     return f"{mine['kind']}, default values{differs + ', no tuning record' if differs else ''}: \u201c{words}\u201d"
 

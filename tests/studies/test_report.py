@@ -1,5 +1,6 @@
 import json
 import re
+import shutil
 from base64 import b64decode
 from dataclasses import replace
 from functools import partial
@@ -9,10 +10,12 @@ import hooks
 import numpy as np
 import pytest
 
-from heli_twin.reporting.figure import Curve, Figure, Panel, edges
+from heli_twin.reporting.figure import Curve, Figure, Panel, edges, power
 from heli_twin.reporting.svg import write_svg
-from heli_twin.studies.campaign import embedded, run_study
-from heli_twin.studies.report import write_report
+from heli_twin.studies.campaign import StudyProgress, embedded, run_study
+from heli_twin.studies.report import progress, write_report
+from heli_twin.studies.report.effort import _distribution
+from heli_twin.studies.report.progress import ProgressPage
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import study_of
 
@@ -155,7 +158,78 @@ def test_a_map_over_decades_is_logarithmic(reports):
     heat = figure["data"][0]
     # Borders: the cells of four values that are a factor of 4.64 apart.
     np.testing.assert_allclose(np.diff(np.log10(heat["x"])), 2 / 3, rtol=1e-4)
-    np.testing.assert_allclose(heat["y"], [-0.125, 0.125, 0.375, 0.625])
+    # A field that is never negative has no cell below zero.
+    np.testing.assert_allclose(heat["y"], [0.0, 0.125, 0.375, 0.625])
+    assert (figure["layout"]["xaxis"]["dtick"], figure["layout"]["xaxis"]["exponentformat"]) == (1, "power")
+
+
+def test_cells_of_a_small_map_hold_their_numbers(reports):
+    heat, texts = figures_of(reports, "map")[0]["data"][:2]
+    assert (heat["type"], texts["mode"]) == ("heatmap", "text")
+    values = [value for row in heat["z"] for value in row]
+    assert texts["text"] == [f"{value:.3g}" if value is not None else "" for value in values]
+    assert set(texts["x"]) == {0.1, 0.366667, 0.633333, 0.9}
+
+
+@pytest.mark.parametrize("name", ["ladder", "tornado"])
+def test_bars_of_all_alternatives_have_one_scale_and_their_grey_is_explained(reports, name):
+    layout = figures_of(reports, name)[0]["layout"]
+    assert layout["xaxis2"]["matches"] == "x"
+    assert layout["xaxis"]["rangemode"] == "nonnegative"
+    assert "grey ones lower it; thin lines are 95 % intervals over the seeds" in text_of(reports, name)
+
+
+def test_a_distribution_of_few_values_is_a_step_for_each():
+    curve = _distribution("", np.array([1.0, 2.0, 4.0]), 0)
+    np.testing.assert_allclose(curve.x, [1, 1, 2, 4])
+    np.testing.assert_allclose(curve.y, [0, 100 / 3, 200 / 3, 100])
+    many = _distribution("", np.linspace(0, 1, 5000), 0)
+    np.testing.assert_allclose(np.interp([0.1, 0.9], many.x, many.y), [10, 90], atol=0.3)
+
+
+def test_few_points_are_large_enough_to_be_seen(reports):
+    effort = next(f for f in figures_of(reports, "cloud") if "stick effort" in f["layout"]["xaxis"]["title"]["text"])
+    assert {trace["marker"]["size"] for trace in effort["data"]} == {7}
+    assert "stick\u00b2" in effort["layout"]["xaxis"]["title"]["text"]
+
+
+def test_powers_of_ten_are_written_as_such():
+    assert [power(value) for value in (1e-3, 1.0, 1e12)] == ["10\u207b\u00b3", "10\u2070", "10\u00b9\u00b2"]
+
+
+def test_a_long_path_may_go_on_in_the_next_line(reports):
+    assert "disturbances.<wbr>gust.<wbr>strength" in text_of(reports, "margin")
+
+
+# --- while it runs
+
+
+def test_a_running_study_has_a_page_that_refreshes_itself_until_it_stops(reports, tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "FIRST_S", 0.0)
+    shutil.copytree(reports / "map", tmp_path / "map", ignore=shutil.ignore_patterns("report.html"))
+    page, file = ProgressPage(study_of({"name": "map"}), tmp_path / "map"), tmp_path / "map" / "report.html"
+    page(StudyProgress(total=100))
+    assert not file.exists(), "nothing has been flown"
+    page(StudyProgress(total=100, done=48, flown=48, failed={"crashed": 12}))
+    text = file.read_text()
+    for words in ('http-equiv="refresh"', "48 of 100 flights", "12 crashed", "image/svg", "The ten worst"):
+        assert words in text
+    assert "<script" not in text
+    before = file.stat().st_mtime_ns
+    page(StudyProgress(total=100, done=49, flown=49))
+    assert file.stat().st_mtime_ns == before, "not more often than it has time for"
+    page.close("stopped: the same command goes on")
+    assert "refresh" not in file.read_text()
+    assert "stopped: the same command goes on" in file.read_text()
+
+
+def test_a_page_that_cannot_be_written_costs_nothing_else(tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "FIRST_S", 0.0)
+    (tmp_path / "report.html").mkdir()
+    page = ProgressPage(study_of({"name": "map"}), tmp_path)
+    page(StudyProgress(total=100, done=1, flown=1))
+    page.close("stopped")
+    assert (tmp_path / "report.html").is_dir()
 
 
 def test_the_borders_of_cells_lie_between_their_centres():

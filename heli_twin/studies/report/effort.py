@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.reporting.figure import Curve, Figure, Panel, decades
+from heli_twin.reporting.figure import Array, Curve, Figure, Panel, decades
 from heli_twin.reporting.words import metric, number
 from heli_twin.studies.report.results import TIMES, Results
 
@@ -14,7 +14,7 @@ MAX_EFFORT_POINTS = 2000
 
 def effort(results: Results) -> Iterator[Figure]:
     """Each completed flight by the work of its sticks and its error."""
-    shown = metric(results.study.score)
+    shown, scale = metric(results.study.score), metric("effort")
     clouds, facts = [], []
     for place, name in enumerate(results.alternatives):
         mine = results.of(name)
@@ -22,13 +22,14 @@ def effort(results: Results) -> Iterator[Figure]:
         if not len(mine):
             continue
         work, error = (float(np.median(mine[column])) for column in ("effort", results.study.score))
-        facts.append(f"{name} works its sticks {number(work, 2)} and errs {number(error * shown.factor)} {shown.unit}")
+        errs = f"{number(error * shown.factor)} {shown.unit}"
+        facts.append(f"{name} works its sticks {number(work, 2)} {scale.unit} and errs {errs}")
         mine = mine.where(np.arange(len(mine)) % max(1, -(-len(mine) // MAX_EFFORT_POINTS)) == 0)
         commands = [mine.command(i) for i in range(len(mine))]
         x, y = mine["effort"], mine[results.study.score] * shown.factor
         clouds.append(Curve(name, x, y, style="points", commands=commands, color=place))
     if clouds:
-        label = "stick effort (variance of the inputs, full stick squared)"
+        label = f"{scale.label} (variance of the four inputs, full stick is 1)"
         x_log, y_log = (decades(np.concatenate(values)) for values in ([c.x for c in clouds], [c.y for c in clouds]))
         panel = Panel("", label, shown.label, clouds, x_log, y_log)
         lost = int(results.failed.sum())
@@ -45,10 +46,7 @@ def timing(results: Results) -> Iterator[Figure]:
             times = results.of(alternative)[name].astype(float)
             times = np.sort(times[np.isfinite(times) & (times > 0)])
             if len(times):
-                quantiles = np.linspace(0, 1, min(len(times), 200))
-                curves.append(
-                    Curve(alternative, np.quantile(times, quantiles), 100 * quantiles, style="steps", color=place)
-                )
+                curves.append(_distribution(alternative, times, place))
                 if name.endswith("p99"):
                     facts.append(
                         f"{alternative} solves within {number(float(np.median(times)), 2)} ms in 99 % of its steps"
@@ -60,6 +58,18 @@ def timing(results: Results) -> Iterator[Figure]:
     if panels:
         text = "; ".join(facts) + " (median over the flights, on the machines named below)."
         yield Figure("solve-times", "Solve times", text, panels)
+
+
+def _distribution(label: str, times: Array, color: int) -> Curve:
+    """The empirical distribution of sorted values: each is a step of 1/n; of many, every n-th is drawn."""
+    share = 100 * np.arange(len(times) + 1) / len(times)
+    kept = np.unique(np.linspace(0, len(times), min(len(times), MAX_STEPS) + 1).astype(int))
+    x = np.concatenate([times[:1], times])[kept]
+    return Curve(label, x, share[kept], style="steps", color=color)
+
+
+MAX_STEPS = 400
+"""Steps drawn at most."""
 
 
 def _title(name: str) -> str:

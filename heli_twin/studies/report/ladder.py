@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.reporting.figure import Bars, Figure, Panel, Table
+from heli_twin.reporting.figure import BARS_SENTENCE, Bars, Figure, Panel, Table
 from heli_twin.reporting.intervals import Interval, mean_interval
 from heli_twin.reporting.words import interval, metric, number
-from heli_twin.studies.report.results import Results
+from heli_twin.studies.report.results import Results, error_bars
 
 
 def ladder(results: Results) -> Iterator[Figure | Table]:
@@ -30,7 +30,8 @@ def ladder(results: Results) -> Iterator[Figure | Table]:
         bars = _waterfall(alternative, shown, found, commands, scale.factor, place)
         panels.append(Panel(alternative, scale.label, "", [bars]))
         sentences.append(_sentence(alternative, names, found, scale.factor, scale.unit))
-    yield Figure("ladder", "Mismatch ladder", "; ".join(sentences) + f"{results.one_seed}.", panels)
+    text = f"{'; '.join(sentences)}{results.one_seed}. {BARS_SENTENCE}{error_bars(results)}."
+    yield Figure("ladder", "Mismatch ladder", text, panels, same_x=True)
     yield _table(results, heights.tolist(), names)
 
 

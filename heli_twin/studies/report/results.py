@@ -108,6 +108,11 @@ class Results:
         return pasteable("heli-twin", "study", "fly", self.folder, self["id"][row])
 
 
+def error_bars(results: Results) -> str:
+    """The end of a sentence: what the thin lines are."""
+    return "; thin lines are 95 % intervals over the seeds" if results.seeds > 1 else ""
+
+
 def results_of(folder: Path) -> Results:
     """The rows of a study's folder.
 

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from heli_twin.reporting.figure import Bars, Figure, Panel
+from heli_twin.reporting.figure import BARS_SENTENCE, Bars, Figure, Panel
 from heli_twin.reporting.intervals import mean_interval
 from heli_twin.reporting.words import field, metric, number
-from heli_twin.studies.report.results import Results
+from heli_twin.studies.report.results import Results, error_bars
 
 
 def tornado(results: Results) -> Iterator[Figure]:
@@ -27,7 +27,8 @@ def tornado(results: Results) -> Iterator[Figure]:
         widest, path = swings[0]
         low, high, middle = (number(value * scale.factor) for value in (widest.min(), widest.max(), center))
         sentences.append(f"{alternative}: {path} matters most, {low} to {high} {scale.unit} on the base's {middle}")
-    yield Figure("tornado", "One at a time", "; ".join(sentences) + f"{results.one_seed}.", panels)
+    text = f"{'; '.join(sentences)}{results.one_seed}. {BARS_SENTENCE}{error_bars(results)}."
+    yield Figure("tornado", "One at a time", text, panels, same_x=True)
 
 
 def _swing(mine: Results, path: str, center: float) -> np.ndarray:
