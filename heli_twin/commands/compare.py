@@ -20,13 +20,14 @@ AXES = ("x", "y", "z", "yaw")
 BY_AXIS = (("rmse", "RMS"), ("max", "largest"))
 OTHERS = (
     ("effort", "effort"),
-    ("variation.x", "pitch travel"),
-    ("variation.y", "roll travel"),
-    ("tilt.max", "largest tilt"),
+    ("variation.x", "pitch"),
+    ("variation.y", "roll"),
+    ("tilt.max", "tilt"),
     ("control_step_ms.p50", "step"),
     ("solve_ms.p50", "solve"),
     ("solve_ms.p99", "solve 99 %"),
 )
+OTHERS_TITLE = "whole flight: variance of the inputs (effort), stick travel a second, largest tilt, computing times"
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -91,11 +92,11 @@ def _print(flights: "Sequence[Compared]", parsed: Namespace) -> None:
     window = f"from {first:g} s" + ("" if parsed.end is None else f" to {parsed.end:g} s")
     rows = [(f.name, *_statistics(f)) for f in flights]
     print_table(("", *STATISTICS), rows, f"distance from the reference {window}, cm (sse: cm\u00b2)")
-    header = [f"{axis} {name}" for _, name in BY_AXIS for axis in AXES]
-    rows = [(f.name, *(_of_axis(f, axis, key) for key, _ in BY_AXIS for axis in AXES)) for f in flights]
-    print_table(("", *header), rows, f"error of each axis {window}")
+    for key, title in BY_AXIS:
+        rows = [(f.name, *(_of_axis(f, axis, key) for axis in AXES)) for f in flights]
+        print_table(("", *AXES), rows, f"{title} error of each axis {window}")
     rows = [(f.name, *(metric_text(name, f.metrics.get(name)) for name, _ in OTHERS)) for f in flights]
-    print_table(("", *(name for _, name in OTHERS)), rows, "inputs and computing times, whole flight")
+    print_table(("", *(name for _, name in OTHERS)), rows, OTHERS_TITLE)
 
 
 def _statistics(flight: "Compared") -> list[str]:

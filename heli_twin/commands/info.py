@@ -51,6 +51,7 @@ def about(log: "Log") -> dict[str, Any]:
     from heli_twin.experiment.tree import ExperimentError, parsed
     from heli_twin.logbook import flown_experiment, viewed_experiment
     from heli_twin.metrics.tracking import metrics
+    from heli_twin.mission import steps_before_first_pose
 
     experiment = words = problem = None
     try:
@@ -79,6 +80,7 @@ def about(log: "Log") -> dict[str, Any]:
         "topics": {name: _topic(topic.times, topic.data) for name, topic in log.messages.items()},
         "attachments": {name: len(attachment.data) for name, attachment in log.attachments.items()},
         "metadata": dict(log.metadata),
+        BLIND: steps_before_first_pose(log),
         "metrics": {key: _finite(value) for key, value in metrics(log).items()},
     }
 
@@ -125,9 +127,10 @@ def show(facts: dict[str, Any]) -> None:
     ]
     print_table(("topic", "messages", "per second", "bytes"), topics)
     print_errors(facts["metrics"])
-    print(f"control problems {clean(control_problems(facts['metrics']), VALUE_LIMIT)}")
+    print(f"control problems {clean(control_problems(facts['metrics'] | {BLIND: facts[BLIND]}), VALUE_LIMIT)}")
 
 
+BLIND = "steps_before_first_pose"
 POSITIONS_FROM = {"truth": "the truth", "cameras": "the cameras: nobody knows the truth", None: "none"}
 
 
