@@ -7,6 +7,8 @@ from datetime import datetime
 from pathlib import Path
 from unittest import mock
 
+import numpy as np
+
 from heli_twin import fly, load
 from heli_twin.workers.task import Flown, Task
 
@@ -92,3 +94,11 @@ def fly_in_one_second(folder: Path, worker: int) -> list[tuple[str, str]]:
         flights = [load("ideal", [f"duration={0.04 + 0.02 * number + 0.2 * worker}"]) for number in range(10)]
         results = [fly(flight, log_dir=folder) for flight in flights]
     return [(result.path.name if result.path else "", result.flight_digest) for result in results]
+
+
+def scored_by_seed(task: Task) -> Flown:
+    """A flight whose score is a normal number of its seed and point."""
+    tree = json.loads(task.experiment)
+    strength = str(tree["disturbances"].get("gust"))
+    rng = np.random.default_rng([tree["seed"], *strength.encode()])
+    return Flown({"id": task.id, "outcome": "completed", "rmse.x": float(rng.standard_normal())})

@@ -115,7 +115,8 @@ A study file asks one question:
                     "plant.mass" = { linspace = [0.024, 0.034, 5] }
   [design]        which points of the axes are flown: grid (all), one_at_a_time, latin_hypercube, sobol, margin,
                     worst_case, ladder, or a class of your own
-  replicates      flights of each point; every point and alternative flies the same seeds
+  replicates      flights of each point; every point and alternative flies the same seeds. "auto" with a half_width:
+                    as many as give each mean score a 95 % interval of +- half_width
   score, metrics  what ranks flights, and what else the report compares
 
 On the command line: replicates=5, axes.plant.mass='[0.028, 0.032]', alternatives.PID='{controller="pid"}',
@@ -197,7 +198,9 @@ def _backend(parsed: Namespace) -> "Callable[[StudyPlan, float], Backend]":
 
 def _summary(count: "StudyProgress", out: Path) -> str:
     kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(count.failed.items()))
-    return f"{count.done} runs, {count.flown} of them flown now{f' ({kinds})' if kinds else ''}; results in {out}"
+    saved = f", {count.saved:,} were not needed" if count.saved else ""
+    now = f"{count.flown} of them flown now{f' ({kinds})' if kinds else ''}{saved}"
+    return f"{count.done} runs, {now}; results in {out}"
 
 
 class Watch:

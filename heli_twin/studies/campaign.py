@@ -43,6 +43,8 @@ class StudyProgress:
     """Finished runs, with those of earlier launches."""
     flown: int = 0
     """Runs flown by this launch."""
+    saved: int = 0
+    """Flights of `replicates` that a `half_width` made needless."""
     failed: dict[str, int] = field(default_factory=dict)
     """Numbers of this launch's failed runs by outcome."""
 
@@ -149,14 +151,15 @@ class Campaign:
         while points is not None:
             first = self._next_run
             self._batch(points, backend)
-            adaptive = self.plan.study.design.adaptive
-            answer: list[Row] = list(self.store.rows(first, self._next_run - 1)) if adaptive else []
+            answer: list[Row] = list(self.store.rows(first, self._next_run - 1)) if self.plan.adaptive else []
             try:
                 points = batches.send(answer)
             except StopIteration:
                 points = None
+        if self.plan.study.half_width:
+            self.progress.saved = self.plan.count() - self._next_run
         self.progress.total = self.progress.done
-        self.store.note({"planned": self._next_run})
+        self.store.note({"planned": self._next_run, "saved": self.progress.saved})
         self._prune()
         self.watch(self.progress)
 

@@ -22,6 +22,7 @@ from heli_twin.studies.axes import Values, axis_of
 from heli_twin.studies.columns import check_metrics
 from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
+from heli_twin.studies.sequential import until_known
 from heli_twin.studies.space import Alternative, Space, value_at, varied
 from heli_twin.studies.study import Study, with_own_members
 from heli_twin.terminal_text import clean
@@ -56,9 +57,17 @@ class StudyPlan:
         """Return the greatest number of runs that it may need."""
         return self.study.design.count(self.space)
 
+    @property
+    def adaptive(self) -> bool:
+        """True if the next batch depends on the rows of the last one."""
+        return self.study.design.adaptive or self.study.half_width > 0.0
+
     def batches(self) -> Batches:
         """Yield the points to fly, batch by batch."""
-        return self.study.design.batches(self.space)
+        batches = self.study.design.batches(self.space)
+        if not self.study.half_width:
+            return batches
+        return until_known((point for batch in batches for point in batch), self.space, self.study.half_width)
 
     @cached_property
     def words(self) -> frozenset[str]:
@@ -116,6 +125,11 @@ def plan_of(study: Study) -> StudyPlan:
     check_metrics((study.score, *study.metrics), names)
     if "seed" in swept:
         raise StudyError("the seed is no axis: `replicates` flies every point with the same seeds")
+    if study.half_width and study.design.adaptive:
+        raise StudyError(
+            f"half_width = {study.half_width:g} does not go with the design {study.design.kind}, which chooses its"
+            " points by their flights: give replicates a number, and half_width = 0"
+        )
     study.design.check(plan.space)
     runs = plan.count()
     if runs > study.max_runs:

@@ -22,6 +22,7 @@ from heli_twin.studies.designs import Batches, Design
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plain import MAX_NAME_LENGTH, check_plain
+from heli_twin.studies.sequential import MOST
 from heli_twin.studies.space import Space
 from heli_twin.terminal_text import clean, instead
 from heli_twin.tuning.record import uncommented
@@ -54,7 +55,15 @@ class Study:
     design: Annotated[Design, OneOf("heli_twin.studies.designs"), doc("which points of the axes are flown")] = field(
         default_factory=Grid
     )
-    replicates: Annotated[int, Ge(1), Le(100_000), doc("flights a point, with the same seeds at every point")] = 1
+    replicates: Annotated[
+        int,
+        Ge(1),
+        Le(100_000),
+        doc('flights a point, with the same seeds at all points; "auto": by half_width'),
+    ] = 1
+    half_width: Annotated[
+        float, Ge(0), doc("fly no more seeds than give each mean score a 95 % interval of +- this; 0: all of them")
+    ] = 0.0
     seed: Annotated[int, Ge(0), Le(2**52), doc("the first of the shared seeds; sampling designs draw from it too")] = 0
     score: Annotated[str, doc("the metric that ranks flights, smaller is better")] = "rmse.position"
     metrics: Annotated[tuple[str, ...], doc("metrics to compare in the report")] = (
@@ -272,6 +281,10 @@ class FlownDesign:
 
 def _study(tree: Tree) -> Study:
     tree = dict(tree)
+    if tree.get("replicates") == "auto":
+        if not tree.get("half_width"):
+            raise StudyError('replicates = "auto" needs half_width: how well each mean score is to be known, +-')
+        tree["replicates"] = MOST
     design = tree.get("design")
     if isinstance(design, str):
         tree["design"] = {"kind": design}

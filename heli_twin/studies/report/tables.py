@@ -24,7 +24,10 @@ def provenance(results: Results) -> Iterator[Table]:
         mixed = store.codes()
     rows = [
         ["question", study.question],
-        ["design", f"{study.design.kind}, {len(results):,} flights, {study.replicates} shared seeds from {study.seed}"],
+        ["design", f"{study.design.kind}, {len(results):,} flights, {results.seeds} shared seeds from {study.seed}"],
+        ["stopped", f"each mean {study.score} is known to +-{study.half_width:g}; {about['saved']:,} flights saved"]
+        if study.half_width and about.get("saved")
+        else ["", ""],
         ["rows", f"{results.folder / 'results.parquet'}"],
         ["launched", f"{about.get('launched', '')} on {about.get('host', '')}, {about.get('cores', '')} cores"],
         ["code", f"{len(mixed)} versions are mixed: {mixed_codes(mixed)}" if len(mixed) > 1 else about.get("code", "")],
