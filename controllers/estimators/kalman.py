@@ -143,7 +143,7 @@ class KalmanFilter:
         stamp = now + self._delay if self._spec.roll_forward else now
         until = stamp if self._spec.roll_forward else now - self._age
         x = self._predict(self._x, self._stamp, until)
-        variance = np.array([(P[0], P[3], P[5]) for P in self._spread(until)])
+        variance = np.array([p for P in self._spread(until) for p in P[::3] + P[5:]]).reshape(4, 3)
         return Estimate(stamp, np.array(x), np.array(self._push(until)), variance, self._stamp, self._rejected)
 
     def covariance(self, until: int) -> Array:
@@ -211,14 +211,19 @@ class KalmanFilter:
 
     def _predict(self, x: State, start: int, until: int) -> State:
         """Integrate the believed model from `start` to `until` (ns) under the commands that act in between."""
-        ends = [since for since, _ in self._acting]
-        ends[:-1], ends[-1] = ends[1:], until
-        for (since, u), end in zip(self._acting, ends, strict=True):
-            begin, end = max(start, since), min(until, end)
-            if end > begin:
-                (moved,) = self._simulator((end - begin) * 1e-9)(x, (u,), self._push(begin))
-                x = self._on_the_floor(x, moved) if moved[2] < self._stands_below and moved[6] < 0.0 else moved
-        return x
+        begin, acting = start, self._acting[0][1]
+        for since, u in self._acting:
+            if since >= until:
+                break
+            if since > begin:
+                x, begin = self._moved(x, acting, begin, since), since
+            acting = u
+        return self._moved(x, acting, begin, until) if until > begin else x
+
+    def _moved(self, x: State, u: Input, begin: int, end: int) -> State:
+        """Integrate the believed model from `begin` to `end` (ns) under one input."""
+        (moved,) = self._simulator((end - begin) * 1e-9)(x, (u,), self._push(begin))
+        return self._on_the_floor(x, moved) if moved[2] < self._stands_below and moved[6] < 0.0 else moved
 
     def _on_the_floor(self, x: State, moved: State) -> State:
         """The state of a helicopter that would sink into the floor: it stands, and its skids do not slide."""
