@@ -49,4 +49,5 @@ def _info(hint: Any) -> FieldInfo:
 @cache
 def _adapter(*parts: Any) -> TypeAdapter[Any]:
     """The validator of a type with bounds; it is slow to make, and many fields have the same."""
-    return TypeAdapter(Annotated[parts] if parts[1:] else parts[0])
+    annotated: Any = Annotated
+    return TypeAdapter[Any](annotated[parts] if parts[1:] else parts[0])

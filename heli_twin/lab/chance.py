@@ -54,9 +54,12 @@ def coloured(before: Array, keep: float, shocks: Array) -> Array:
     Returns:
         (n, d), in the order of time.
     """
+
+    def following(x: float, shock: float) -> float:
+        return keep * x + shock
+
     started = np.concatenate([before[None], shocks])
-    columns = [[*accumulate(column, lambda x, shock: keep * x + shock)] for column in started.T.tolist()]
-    return np.array(columns).T[1:]
+    return np.array([[*accumulate(column, following)] for column in started.T.tolist()]).T[1:]
 
 
 class Mixed:
