@@ -21,7 +21,7 @@ def explained(spec: T) -> T:
     lines = (_wrapped(f"    {_line(f)}") for f in _given(spec))
     spec.__doc__ = "\n".join([cleandoc(spec.__doc__ or ""), "", "Fields:", *lines, ""])
     spec.__signature__ = signature  # pyright: ignore[reportAttributeAccessIssue]
-    spec.__init__.__signature__ = signature
+    spec.__init__.__signature__ = signature  # pyright: ignore[reportAttributeAccessIssue, reportFunctionMemberAccess]
     return spec
 
 
