@@ -11,9 +11,10 @@ from heli_twin.studies.columns import SCORED
 from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.space import Space
 
-PILOT = 32
-"""Seeds that are flown first. With fewer, a pilot that happens to agree with itself would stop too early: the intervals
-of such studies hold the true mean less often than they say."""
+PILOT = 64
+"""Seeds that are flown first. A small pilot that happens to agree with itself stops too early: with 32 seeds, 93.9 % of
+the 95 % intervals hold the true mean of skewed scores, with 64 at least 94.4 % (20 000 studies, drawn from 2000 flights).
+"""
 MOST = 1000
 """Most seeds of `replicates = "auto"`."""
 

@@ -44,15 +44,15 @@ def coverage(studies: int, half_width: float, crashes: float) -> tuple[float, fl
 
 @pytest.mark.parametrize("crashes", [0.0, 0.02])
 def test_the_interval_of_a_study_that_stopped_holds_the_mean(crashes):
-    held, flights = coverage(1500, 0.0025, crashes)
+    held, flights = coverage(1500, 0.002, crashes)
     # Three deviations of a share of 1500 below 94.5 %.
     assert held > 0.945 - 3 * np.sqrt(0.945 * 0.055 / 1500)
-    assert PILOT < flights < 120
+    assert PILOT < flights < 150
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("crashes", [0.0, 0.02])
-@pytest.mark.parametrize("half_width", [0.0015, 0.0025, 0.004])
+@pytest.mark.parametrize("half_width", [0.0015, 0.0021, 0.0024])
 def test_coverage_of_20000_studies(half_width, crashes):
     assert coverage(20_000, half_width, crashes)[0] >= 0.94
 
@@ -69,7 +69,7 @@ def test_more_scatter_needs_more_seeds_and_none_needs_none():
 
 
 def auto(small, **fields):
-    return study_of(study_tree(small) | {"replicates": "auto", "half_width": 0.25, "score": "rmse.x"} | fields)
+    return study_of(study_tree(small) | {"replicates": "auto", "half_width": 0.22, "score": "rmse.x"} | fields)
 
 
 def one_process(plan, timeout):
@@ -89,13 +89,13 @@ def test_a_study_stops_by_itself_says_what_it_saved_and_goes_on_from_there(small
     assert count.saved == len(points) * (MOST - len(flown))
     for point in points:
         found = mean_interval(np.array([row["rmse.x"] for row in rows if row["point"] == point]))
-        assert found.high - found.low <= 2 * 0.25
+        assert found.high - found.low <= 2 * 0.22
     again = run_study(study, tmp_path, backend=one_process, work=scored_by_seed)
     assert (again.flown, again.done) == (0, len(rows))
 
 
 def test_never_more_than_replicates(small, tmp_path):
-    study = study_of(study_tree(small) | {"replicates": 40, "half_width": 1e-6, "score": "rmse.x"})
+    study = study_of(study_tree(small) | {"replicates": 70, "half_width": 1e-6, "score": "rmse.x"})
     count = run_study(study, tmp_path, backend=one_process, work=scored_by_seed)
     assert (count.done, count.saved) == (plan_of(study).count(), 0)
 
@@ -103,5 +103,5 @@ def test_never_more_than_replicates(small, tmp_path):
 def test_auto_needs_a_half_width_and_a_design_that_does_not_search(small):
     with pytest.raises(StudyError, match='replicates = "auto" needs half_width'):
         auto(small, half_width=0.0)
-    with pytest.raises(StudyError, match=r"half_width = 0\.25 does not go with the design margin"):
+    with pytest.raises(StudyError, match=r"half_width = 0\.22 does not go with the design margin"):
         plan_of(auto(small, design={"kind": "margin"}, max_runs=10**6))
