@@ -13,7 +13,7 @@ from heli_twin.studies.space import Space
 
 PILOT = 64
 """Seeds that are flown first. A small pilot that happens to agree with itself stops too early: with 32 seeds, 93.9 % of
-the 95 % intervals hold the true mean of skewed scores, with 64 at least 94.4 % (20 000 studies, drawn from 2000 flights).
+the 95 % intervals hold the true mean of skewed scores, with 64 at least 94.4 % (20 000 studies of 2000 flights).
 """
 MOST = 1000
 """Most seeds of `replicates = "auto"`."""
