@@ -138,6 +138,7 @@ def files_in(folder: Path, duration: float) -> Path:
     (folder / "pid.py").write_text(blocks("external-laws", "python")[0])
     rows = [f"{0.01 * i:.2f},{0.002 * i:.4f},0,1,0" for i in range(80)]
     (folder / "take.csv").write_text("\n".join(["time,x,y,z,yaw", *rows, ""]))
+    (folder / "sent.csv").write_text("time,ux,uy,uz,uyaw\n0,0,0,0.5,0\n0.5,0,0,0.6,0\n")
     rows = [f"{0.01 * i:.2f},{2 * i},0,1000,0,0.5" for i in range(80)]
     (folder / "poses.csv").write_text("\n".join(["t,px,py,pz,psi,u3", *rows, ""]))
     swept = study_of(
