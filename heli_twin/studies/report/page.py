@@ -15,6 +15,7 @@ from heli_twin.studies.report.fairness import fairness, stability
 from heli_twin.studies.report.ladder import ladder
 from heli_twin.studies.report.maps import maps
 from heli_twin.studies.report.margins import margins
+from heli_twin.studies.report.rare_event import rare_event
 from heli_twin.studies.report.results import Results, results_of
 from heli_twin.studies.report.search import search
 from heli_twin.studies.report.sensitivity import sensitivity
@@ -32,6 +33,7 @@ SECTIONS = (
     margins,
     sensitivity,
     search,
+    rare_event,
     effort,
     timing,
     worst,
@@ -40,7 +42,7 @@ SECTIONS = (
 )
 """The sections of a report in their order; one that does not fit the study yields nothing."""
 
-OF_WHOLE_DESIGNS = (ladder, tornado, maps, margins, sensitivity, search)
+OF_WHOLE_DESIGNS = (ladder, tornado, maps, margins, sensitivity, search, rare_event)
 """Sections that compare the points of a design: they are left out while some of its runs are invalid."""
 
 

@@ -9,11 +9,15 @@ from heli_twin.reporting.figure import Array, Table
 from heli_twin.reporting.intervals import Interval, failure_interval, seed_interval
 from heli_twin.reporting.words import interval, listed, metric, percent
 from heli_twin.studies.columns import LANDED_EARLY
+from heli_twin.studies.designs.rare_event import RareEvent
 from heli_twin.studies.report.results import Results
 
 
 def verdict(results: Results) -> Iterator[Table]:
     """Each alternative and metric, and the paired difference from the first alternative."""
+    if isinstance(results.study.design, RareEvent):
+        # Its flights are no fair sample: most are from the tail.
+        return
     names = results.alternatives
     header = ["", *names]
     if len(names) > 1:
