@@ -63,6 +63,15 @@ def test_the_helicopter_is_drawn_where_it_is() -> None:
         pixels = 0.4 * 120 / (2.0 * np.tan(np.radians(20)))
         assert north - (row, column) == pytest.approx((-pixels, 0), abs=6)
         assert west - (row, column) == pytest.approx((0, -pixels), abs=6)
+        # The tail is longer than the rotor: it points south, and east once the nose points west.
+        per_metre = pixels / 0.4
+        for heading, tail in ((0.0, (1, 0)), (np.pi / 2, (0, 1))):
+            quat = np.array([np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)])
+            shape = renderer.draw(Pose(np.array([0.0, 0.0, 1.0]), quat), ABOVE)
+            found = np.argwhere((away.astype(int) - shape).any(axis=2)) - (120, 160)
+            reach = {d: (found @ d).max() / per_metre for d in ((1, 0), (-1, 0), (0, 1), (0, -1))}
+            assert reach.pop(tail) == pytest.approx(0.132, abs=0.01)
+            assert [*reach.values()] == pytest.approx([0.095] * 3, abs=0.015)
 
 
 @pytest.mark.usefixtures("graphics")
@@ -82,6 +91,9 @@ def test_between_samples_and_after_the_end_the_helicopter_is_somewhere(log: Log)
     between = 0.5 * (log.truth.position[50] + log.truth.position[51])
     np.testing.assert_allclose(here.position, between, atol=1e-9)
     np.testing.assert_allclose(pose(flight, 99.0).position, log.truth.position[-1])
+    turned = flight.quat_wxyz * np.where(np.arange(len(flight.quat_wxyz)) % 2, 1.0, -1.0)[:, None]
+    same = pose(flight._replace(quat_wxyz=turned), 1.01).quat_wxyz
+    np.testing.assert_allclose(np.abs(same @ here.quat_wxyz), here.quat_wxyz @ here.quat_wxyz, rtol=1e-12)
     lines, (ball,) = drawing(flight, 1.0, here.position)
     np.testing.assert_allclose(ball.centre, log.reference.x[50, :3])
     (newest,) = log.plan.x[log.plan.time == 1_000_000_000]

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import shutil
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -46,11 +47,15 @@ def test_a_head_is_the_log_without_its_messages(folder: Path) -> None:
 
 
 def test_a_head_that_is_damaged_is_refused(folder: Path, tmp_path: Path) -> None:
-    data = bytearray((folder / "light.mcap").read_bytes())
-    data[-60] ^= 1
-    (tmp_path / "x.mcap").write_bytes(data)
-    with pytest.raises(HeliTwinError, match="damaged"):
-        read_head(tmp_path / "x.mcap")
+    whole = (folder / "light.mcap").read_bytes()
+    # The footer: opcode, length, where the index begins, where its offsets begin, its checksum; then the magic.
+    (start,) = struct.unpack_from("<Q", whole, len(whole) - 28)
+    for at in range(start, len(whole) - 37, 97):
+        data = bytearray(whole)
+        data[at] ^= 1
+        (tmp_path / "x.mcap").write_bytes(data)
+        with pytest.raises(HeliTwinError, match="damaged"):
+            read_head(tmp_path / "x.mcap")
 
 
 def test_every_file_has_a_row(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
