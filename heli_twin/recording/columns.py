@@ -14,6 +14,11 @@ from controllers.signals import Array
 Times = NDArray[np.int64]
 
 
+def in_seconds(time: Times) -> Array:
+    """Return times in ns as s."""
+    return np.asarray(1e-9 * time, np.float64)
+
+
 class Truths(NamedTuple):
     """`/truth`: what the helicopter really does.
 
@@ -42,7 +47,7 @@ class Truths(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 class Poses(NamedTuple):
@@ -63,7 +68,7 @@ class Poses(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 class Estimates(NamedTuple):
@@ -90,7 +95,7 @@ class Estimates(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
     @property
     def position(self) -> Array:
@@ -135,7 +140,7 @@ class References(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
     @property
     def position(self) -> Array:
@@ -179,7 +184,7 @@ class Commands(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
     @property
     def pitch(self) -> Array:
@@ -220,7 +225,7 @@ class Plans(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 class ExtraEstimates(NamedTuple):
@@ -239,7 +244,7 @@ class ExtraEstimates(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 class ExtraPlans(NamedTuple):
@@ -256,7 +261,7 @@ class ExtraPlans(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 class QpReports(NamedTuple):
@@ -281,7 +286,7 @@ class QpReports(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 class Airs(NamedTuple):
@@ -302,7 +307,7 @@ class Airs(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 class Moments(NamedTuple):
@@ -319,7 +324,7 @@ class Moments(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 class Batteries(NamedTuple):
@@ -340,7 +345,7 @@ class Batteries(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 class Timings(NamedTuple):
@@ -359,7 +364,7 @@ class Timings(NamedTuple):
     @property
     def seconds(self) -> Array:
         """(n,) log times, s."""
-        return 1e-9 * self.time
+        return in_seconds(self.time)
 
 
 def _in_world(x: Array) -> Array:

@@ -114,8 +114,12 @@ def _log_scale(axes: "Axes", name: Literal["x", "y"]) -> None:
     low, high = axis.get_view_interval()
     subs = (1.0, 2.0, 5.0) if high < 10 * low else (1.0, 3.0) if high < 100 * low else (1.0,)
     axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter("{x:g}" if len(subs) > 1 else lambda value, _: power(value))
+    axis.set_major_formatter("{x:g}" if len(subs) > 1 else _power_of_ten)
     axis.set_minor_formatter(NullFormatter())
+
+
+def _power_of_ten(value: float, place: object) -> str:
+    return power(value)
 
 
 def _curve(axes: "Axes", mark: Curve) -> None:
