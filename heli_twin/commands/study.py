@@ -114,7 +114,7 @@ A study file asks one question:
                     { logspace = [FROM, TO, COUNT] }, { uniform = [FROM, TO] }, { normal = [MEAN, DEVIATION] }:
                     "plant.mass" = { linspace = [0.024, 0.034, 5] }
   [design]        which points of the axes are flown: grid (all), one_at_a_time, latin_hypercube, sobol, margin,
-                    worst_case, ladder, or a class of your own
+                    worst_case, rare_event, ladder, or a class of your own
   replicates      flights of each point; every point and alternative flies the same seeds. "auto" with a half_width:
                     as many as give each mean score a 95 % interval of +- half_width
   score, metrics  what ranks flights, and what else the report compares
