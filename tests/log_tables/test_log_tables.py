@@ -73,6 +73,7 @@ def test_the_numbers_are_the_metrics(folder: Path, capsys: pytest.CaptureFixture
     found = statistics(read_log(folder / "heavy.mcap"))
     assert found is not None
     assert row["rmse.position"] == pytest.approx(found["position"]["rmse"])
+    assert (row["duration"], row["outcome"], row["trajectory"]) == (pytest.approx(2.5), "completed", "circle")
     assert row["error.x.sse"] == found["x"]["sse"]
     assert row["changes"] == ["duration=2.5", "plant.mass=0.031", "seed=1"]
 

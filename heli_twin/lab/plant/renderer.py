@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.lab.plant.airframe import Airframe
-from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine
+from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, rotated_to_world
 
 SAMPLES = 4
 """Of each pixel, against stairs at edges; a software renderer takes twice as long as for one sample."""
@@ -163,14 +163,7 @@ class Renderer:
         return self._picture[::-1]
 
     def _place(self, pose: Pose) -> None:
-        w, x, y, z = pose.quat_wxyz / np.linalg.norm(pose.quat_wxyz)
-        R = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        R = rotated_to_world(pose.quat_wxyz / np.linalg.norm(pose.quat_wxyz), np.eye(3)).T
         angle = self._spin * pose.rotor_angle
         c, s, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
         spin = np.moveaxis(np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]), 2, 0)
