@@ -13,7 +13,8 @@ upwards and in yaw:
     torque    yaw'' = n + k_yaw yaw' + push,  n' = (b_yaw u - n) / yaw_lag
 
 Gust and push are accelerations: the gust pulls through the rotor's drag and, with `hub_drag`, tilts the helicopter; the
-push acts at the centre of gravity. Without lags and with a fast attitude this is (1).
+push acts at the centre of gravity. Without lags and with a fast attitude this is (1). With `servo_play`, the input u is
+that of the swashplate, which follows the sent one with play: see `controllers.servo_play`.
 
 Source: the paper's future work ("more detailed models"); attitude and lags as in `heli_twin/lab/plant/mujoco.py`.
 """
@@ -63,6 +64,9 @@ class DetailedModel(Model):
     yaw_lag: Annotated[float, Ge(1e-4), Le(1), Unit("s"), doc("time constant of the yaw torque")] = 0.005
     hub_drag: Annotated[
         float, Ge(0), Le(10), Unit("1"), doc("acceleration by tilt that one of drag brings along: drag at the hubs")
+    ] = 0.0
+    servo_play: Annotated[
+        float, Ge(0), Le(0.5), Unit("full stick"), doc("play between the cyclic servos and the swashplate, end to end")
     ] = 0.0
     gust_strength: Annotated[float, Ge(0), Le(10), Unit("m/s"), doc("standard deviation of the wind")] = 0.25
     gust_time: Annotated[float, Gt(0), Le(1000), Unit("s"), doc("time in which the wind changes")] = 0.7

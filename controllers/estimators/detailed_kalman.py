@@ -15,6 +15,7 @@ from controllers.estimators.kalman import heading
 from controllers.model import GRAVITY, Model
 from controllers.pose_screen import PoseScreen, ScreenSettings
 from controllers.rotations import wrap_angle
+from controllers.servo_play import ServoPlay
 from controllers.signals import Array, Estimate, NamedState, Pose, nanoseconds
 
 _FILTERED = [P, V, A, J, GUST, TRIM, PUSH]
@@ -93,7 +94,7 @@ class DetailedKalmanFilter:
 
     def __init__(self, spec: DetailedKalman, model: DetailedModel) -> None:
         self._spec, self._model = spec, model
-        self._delay = nanoseconds(spec.command_delay)
+        self._delay, self._play = nanoseconds(spec.command_delay), ServoPlay(model.servo_play)
         white = np.array([spec.position_noise] * 3 + [spec.angle_noise])
         slow = np.array([spec.camera_bias] * 3 + [0.0])
         self._R, noise = white**2, np.hypot(white, slow)
@@ -117,7 +118,7 @@ class DetailedKalmanFilter:
 
     def command_sent(self, now: int, u: Array) -> None:
         """Remember the input u (4,) decided at `now` (ns): it acts `command_delay` later."""
-        self._acting.append((now + self._delay, u.copy()))
+        self._acting.append((now + self._delay, self._play.follow(u)))
 
     def receive(self, now: int, pose: Pose) -> None:
         """Fuse a pose at its capture time; one that is stale, non-finite, frozen or outside the gate is refused."""

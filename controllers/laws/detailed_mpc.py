@@ -14,7 +14,8 @@ from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisatio
 from controllers.detailed_model import ESTIMATED_STATES, EXTRA_STATES, N_DETAILED, DetailedModel
 from controllers.ltv import Ltv
 from controllers.receding import RecedingHorizon, without_turns
-from controllers.signals import Array, Estimate, NamedState, Reference
+from controllers.servo_play import ServoPlay
+from controllers.signals import Array, Command, Estimate, NamedState, Reference
 
 Weight = Annotated[float, Ge(0)]
 InputWeight = Annotated[float, Gt(0)]
@@ -98,7 +99,7 @@ class DetailedMpcController(RecedingHorizon):
     """The MPC of one flight, with its last plan."""
 
     def __init__(self, spec: DetailedMpc) -> None:
-        self._reference = prepared_reference(spec.model)
+        self._reference, self._play = prepared_reference(spec.model), ServoPlay(spec.model.servo_play)
         self._linearise = DetailedLinearisation(spec.model, spec.period, spec.steps)
         hover = spec.hover()
         Qf, self._gust_target = _terminal(spec)
@@ -108,6 +109,14 @@ class DetailedMpcController(RecedingHorizon):
         self._plane = StepByStep(spec.steps, PLANE, weights.of(PLANE), flies=True)
         super().__init__(spec, (PLANE, HEIGHT_AND_YAW), weights, hover, self._plane)
         self._decay = self._linearise.gust_decay**spec.steps
+
+    def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
+        """Send the first input of the plan, ahead of it where the swashplate's play has to be crossed."""
+        command = super().step(now, estimate, reference)
+        if self._model.servo_play == 0.0:
+            return command
+        sent = self._play.ahead(command.u)
+        return command._replace(u=np.minimum(np.maximum(sent, self._limits.u_min), self._limits.u_max))
 
     def _samples(self, reference: Reference) -> Array:
         if reference.prepared is not None:
