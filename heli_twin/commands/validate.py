@@ -2,6 +2,7 @@
 
 import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import command, file_path, progress_bar, say
@@ -74,22 +75,17 @@ def _validated(parsed: Namespace) -> "Validation":
     from heli_twin.experiment.text import load
     from heli_twin.recording import read_log
     from heli_twin.validation.twins import noise_in
-    from heli_twin.validation.validate import twins_of, validate
+    from heli_twin.validation.validate import Effort, twins_of, validate
 
     log = read_log(parsed.log)
     source = next((word for word in parsed.what if "=" not in word), None)
     experiment = load(source, [word for word in parsed.what if word != source])
     twins = twins_of(log, experiment, noise_in(source, experiment), load(parsed.prior))
+    envelope = envelope_in(source)
     with progress_bar() as bar:
         task = bar.add_task("predicting and flying", total=len(twins) * (1 + parsed.flights))
-        return validate(
-            log,
-            str(parsed.log),
-            twins,
-            envelope=envelope_in(source),
-            flights=parsed.flights,
-            progress=lambda: bar.advance(task),
-        )
+        result = validate(log, str(parsed.log), twins, Effort(parsed.flights), lambda: bar.advance(task))
+    return replace(result, left=tuple(envelope.left_by(result.envelope)) if envelope else ())
 
 
 def show(result: "Validation") -> None:

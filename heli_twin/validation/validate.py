@@ -27,8 +27,6 @@ from heli_twin.validation.forecast import CUT, Forecast, forecast, held_fit
 from heli_twin.validation.twins import Twin, twin_of
 from heli_twin.workers.fleet import fleet
 
-FLIGHTS = 4
-"""Of each twin in closed loop."""
 CERTAIN = 0.999
 """Probability with which the errors of a right twin stay below the limit."""
 SLACK = 1.2
@@ -64,10 +62,10 @@ class Validation:
     """Of the first twin."""
     envelope: Envelope
     """What the flight covers."""
-    left: tuple[str, ...]
-    """Where the flight leaves the envelope of the calibration."""
     expected_gust: float
     seconds: float
+    left: tuple[str, ...] = ()
+    """Where the flight leaves the envelope of the calibration."""
 
     @property
     def judged(self) -> Side:
@@ -186,14 +184,23 @@ def twins_of(log: Log, calibrated: Experiment, expected: Mapping[str, float], pr
     return twins
 
 
+class Effort(NamedTuple):
+    """What a validation may cost."""
+
+    flights: int = 4
+    """Of each twin in closed loop; 0 for none."""
+    processes: int | None = None
+    """None for one a core, 1 for this one."""
+
+
+USUAL = Effort()
+
+
 def validate(
     log: Log,
     name: str,
     twins: Sequence[Twin],
-    *,
-    envelope: Envelope | None = None,
-    flights: int = FLIGHTS,
-    processes: int | None = None,
+    effort: Effort = USUAL,
     progress: Callable[[], None] = lambda: None,
 ) -> Validation:
     """Set twins beside a flight.
@@ -202,9 +209,7 @@ def validate(
         log: A flight that none of the twins was fitted to; only its poses, sent commands and plan are read.
         name: Of the log, in messages.
         twins: From `twins_of`; the first one is judged.
-        envelope: Of the first twin's calibration.
-        flights: Of each twin in closed loop; 0 for none.
-        processes: How many; None for one a core, 1 for this one.
+        effort: Flights and processes.
         progress: Called after every twin in open loop and every flight.
 
     Raises:
@@ -213,20 +218,20 @@ def validate(
     pairs = [pieces_of(log, name, twin) for twin in twins]
     sides: list[Side] = []
     first: Forecast | None = None
-    with fleet(processes) as run:
+    with fleet(effort.processes) as run:
         for side, predicted in run(_beside, list(zip(twins, *zip(*pairs, strict=True), strict=True))):
             sides.append(side)
             first = first or predicted
             progress()
     assert first is not None
-    sides = _with_loops(log, twins, sides, flights, partial(closed_loop, processes=processes, progress=progress))
+    loops = partial(closed_loop, processes=effort.processes, progress=progress)
+    sides = _with_loops(log, twins, sides, effort.flights, loops)
     covers = covered([pairs[0][0]])
     return Validation(
         name,
         tuple(sides),
         first,
         covers,
-        tuple(envelope.left_by(covers)) if envelope else (),
         float(np.exp(twins[0].eta[noise.COMPONENTS.index("gust_strength")])),
         pairs[0][0].seconds,
     )

@@ -11,7 +11,7 @@ from heli_twin.calibration.output import as_toml
 from heli_twin.experiment.text import changed, load
 from heli_twin.mission import fly
 from heli_twin.validation.twins import noise_in
-from heli_twin.validation.validate import twins_of, validate
+from heli_twin.validation.validate import Effort, twins_of, validate
 from heli_twin.workers.fleet import fleet
 
 FLIGHTS = ("circle", "lemniscate")
@@ -34,8 +34,7 @@ def held_out(lab: str, folder: str, seed: int) -> dict:
                 trajectory,
                 # The prior is the twin itself: only the truth stands beside it.
                 twins_of(log, twin, noise_in(str(path), twin), twin),
-                flights=4,
-                processes=1,
+                Effort(4, 1),
             )
         ).sides
         for channel, a in judged.open_loop[1.0].items():

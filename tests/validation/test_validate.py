@@ -16,7 +16,7 @@ from heli_twin.validation.agreement import HORIZONS_S, agreements
 from heli_twin.validation.closed_loop import FIRST_SEED, closed_loop, tracking_rms
 from heli_twin.validation.forecast import HORIZON_BINS, Forecast
 from heli_twin.validation.twins import expected_noise, noise_in, twin_of
-from heli_twin.validation.validate import twins_of, validate
+from heli_twin.validation.validate import Effort, twins_of, validate
 
 HIDDEN = ["plant.thrust_gain=0.53", "plant.pitch_gain=0.17", "plant.yaw_gain=0.0026", "plant.roll_trim=0.02"]
 # Without frames of the radio, no phase of them is looked for.
@@ -33,7 +33,7 @@ def path(tmp_path_factory):
 def result(path):
     log = read_log(path)
     twins = twins_of(log, FLIGHT, expected_noise(PRIOR), PRIOR)
-    return validate(log, "check.mcap", twins, flights=0, processes=1)
+    return validate(log, "check.mcap", twins, Effort(0, 1))
 
 
 def test_the_true_parameters_agree_and_others_do_not(result):
@@ -150,7 +150,7 @@ def test_mistakes_are_told_in_a_sentence(path, words, sentence, capsys):
 def test_a_log_that_is_too_short_is_refused():
     log = fly(load("lab_simple", ["duration=2.6"]), log_dir=None).log
     with pytest.raises(HeliTwinError, match=r"short\.mcap is too short for a prediction: it takes 3 s"):
-        validate(log, "short.mcap", [twin_of("twin", PRIOR, expected_noise(PRIOR))], processes=1)
+        validate(log, "short.mcap", [twin_of("twin", PRIOR, expected_noise(PRIOR))], Effort(0, 1))
 
 
 def test_a_calibrations_noise_is_expected_and_nonsense_refused(tmp_path):
