@@ -123,21 +123,16 @@ def _frames(
     shared = axes(flights, float(times[0]), float(max(times[-1], times[0] + 0.1)))
     strips = [Strip(flight, each, below, shared) for flight in flights]
     placed = cameras(flights, camera, times, each / (height - below))
-    return _drawn(flights, renderers, strips, placed, times, size)
+    return _drawn(list(zip(flights, renderers, strips, strict=True)), placed, times, size)
 
 
 def _drawn(
-    flights: Sequence[Shown],
-    renderers: Sequence[Renderer],
-    strips: Sequence[Strip],
-    placed: Cameras,
-    times: np.ndarray,
-    size: tuple[int, int],
+    parts: Sequence[tuple[Shown, Renderer, Strip]], placed: Cameras, times: np.ndarray, size: tuple[int, int]
 ) -> Iterator[Image.Image]:
-    each = size[0] // len(flights) // 2 * 2
+    each = size[0] // len(parts) // 2 * 2
     for frame, t in enumerate(times.tolist()):
         whole = Image.new("RGB", size, (255, 255, 255))
-        for i, (flight, renderer, strip) in enumerate(zip(flights, renderers, strips, strict=True)):
+        for i, (flight, renderer, strip) in enumerate(parts):
             here = pose(flight, t)
             lines, balls = drawing(flight, t, here.position)
             pixels = renderer.draw(here, placed.at(i, frame), lines, balls)
