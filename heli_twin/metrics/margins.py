@@ -81,21 +81,30 @@ def margins(response: LoopResponse) -> Margins:
     """Return the margins of a loop, interpolated between the measured frequencies."""
     frequency, loop = _dense(response)
     size, phase = np.abs(loop), np.unwrap(np.angle(loop))
-    crossings = np.flatnonzero(np.diff(np.sign(size - 1.0)) != 0)
+    crossings, share = _zeros(size - 1.0)
+    at = _between(frequency, crossings, share)
     # Lag from -180 degrees on, the nearest one that comes with more delay.
-    lags = np.mod(phase[crossings] + np.pi, 2.0 * np.pi)
-    delay = float((lags / frequency[crossings]).min()) if len(crossings) else np.inf
-    real = np.flatnonzero(np.diff(np.sign(loop.imag)) != 0)
-    share = loop.imag[real] / (loop.imag[real] - loop.imag[real + 1])
-    gains = -1.0 / (loop.real[real] + share * (loop.real[real + 1] - loop.real[real]))
+    lags = np.mod(_between(phase, crossings, share) + np.pi, 2.0 * np.pi)
+    delay = float((lags / at).min()) if len(at) else np.inf
+    gains = -1.0 / _between(loop.real, *_zeros(loop.imag))
     # A crossing where the real part is positive gives a negative gain.
     above = gains[gains > 1.0]
     return Margins(
         float(above.min()) if len(above) else np.inf,
         delay,
         float((1.0 / np.abs(1.0 + loop)).max()),
-        float(frequency[crossings[-1]]) if len(crossings) else 0.0,
+        float(at[-1]) if len(at) else 0.0,
     )
+
+
+def _zeros(values: Array) -> tuple[NDArray[np.intp], Array]:
+    """Samples after which the values change sign, and how far the zero is from each, in samples."""
+    before = np.flatnonzero(np.diff(np.sign(values)) != 0)
+    return before, values[before] / (values[before] - values[before + 1])
+
+
+def _between(values: Array, before: NDArray[np.intp], share: Array) -> Array:
+    return values[before] + share * (values[before + 1] - values[before])
 
 
 def _dense(response: LoopResponse) -> tuple[Array, NDArray[np.complex128]]:

@@ -38,3 +38,11 @@ def test_trim_and_push_stay_and_the_slow_error_of_the_cameras_fades():
     # A stationary error: what fades comes back as noise. The yaw has none.
     slow = spec.camera_bias**2 * (1.0 - keep**2)
     np.testing.assert_allclose([*noise[:, 7, 7], *chain_noise[:, 3, 3]], [slow, slow, slow, 0.0], rtol=1e-12)
+
+
+def test_after_one_pose_each_axis_is_as_uncertain_as_its_measurement():
+    estimator = DetailedKalman().start(DetailedModel())
+    spread = estimator._unknown()
+    np.testing.assert_array_equal(spread.plane[:, 0, 0], [estimator._R[0]] * 2)
+    np.testing.assert_array_equal(spread.chains[:, 0, 0], estimator._R[2:])
+    assert estimator._R[2] != estimator._R[3]

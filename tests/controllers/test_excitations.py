@@ -49,3 +49,15 @@ def test_the_excitation_is_in_the_sent_command_and_a_control_problem_solved_agai
     assert np.abs(resolve(log).difference).max() <= INPUT_TOLERANCE
     quiet = replace(flight, excitation=load("lab").excitation)
     assert np.abs(log.sent.u - fly(quiet, log_dir=None).log.sent.u).max() > 0.1
+
+
+def test_the_lines_have_schroeders_phases():
+    """Two lines an input: the first begins at a phase of 0, the second at -pi (2) / 2."""
+    probe = Multisine(record=1.0, slowest=1.0, fastest=8.0)
+    t = np.array([0.0, 0.013, 0.2])
+    for i, rms in enumerate(probe.rms):
+        first, second = (rms * np.sin(2.0 * np.pi * (i + 1 + 4 * n) * t - np.pi * n) for n in (0, 1))
+        # The lines are those of 1 to 8 Hz, the next one on the next input; the first line is on the first input.
+        lines = sorted(w / (2.0 * np.pi) for w in probe.frequencies[i])
+        assert lines == pytest.approx([i + 1, i + 5])
+        assert probe.inputs(t)[:, i] == pytest.approx(first + second, abs=1e-12)

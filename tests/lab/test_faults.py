@@ -11,6 +11,7 @@ from heli_twin import fly
 from heli_twin.experiment.families import members
 from heli_twin.experiment.text import load
 from heli_twin.experiment.values import SMALLEST
+from heli_twin.lab.compute import NoComputeTime
 from heli_twin.lab.faults import Faults, Hooks, Spells
 from heli_twin.lab.faults.clock_error import ClockError
 from heli_twin.lab.faults.command_duplicate import CommandDuplicate
@@ -196,6 +197,18 @@ def test_a_swapped_pose_jumps_by_its_size_and_turns(size, turn, seed):
     assert np.linalg.norm(jump) == pytest.approx(size, abs=1e-12)
     assert jump[2] == 0
     assert heading(swapped.quat_wxyz) == pytest.approx(turn, abs=1e-12)
+
+
+def test_swaps_and_drifts_go_in_any_level_direction():
+    for fault in (PoseSwap(size=1.0), PoseDrift(speed=1.0)):
+        moved = np.array([seen(fault, 5100, seed).pose.position - pose(0).pose.position for seed in range(40)])
+        quadrants = {(x > 0.0, y > 0.0) for x, y, _ in moved}
+        assert len(quadrants) == 4
+        assert len(np.unique(moved[:, 0].round(9))) == 40
+
+
+def test_without_a_computing_time_a_command_is_ready_at_once():
+    assert NoComputeTime().latency_ns(rng()) == 0
 
 
 def test_a_calibration_drifts_at_its_speed():

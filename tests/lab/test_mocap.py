@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2, norm
 
 from controllers.estimators.kalman import heading
@@ -136,3 +137,12 @@ def test_a_turn_about_the_mast_turns_the_heading(yaw, angle):
     off = (heading(quat) - yaw - angle + np.pi) % (2 * np.pi) - np.pi
     # The small angle's own error: angle^3 / 12.
     assert abs(off) < 0.1**3 / 10
+
+
+@given(*[st.floats(-1, 1)] * 4, *[st.floats(-0.05, 0.05)] * 3)
+def test_a_small_turn_is_one_about_the_axes_of_the_body(w, x, y, z, a, b, c):
+    quat = np.array([w + 2.0, x, y, z]) / np.linalg.norm([w + 2.0, x, y, z])
+    expected = Rotation.from_quat(quat, scalar_first=True) * Rotation.from_rotvec([a, b, c])
+    off = expected.inv() * Rotation.from_quat(rotated(quat, np.array([a, b, c])), scalar_first=True)
+    # The small angle's own error: angle^3 / 12.
+    assert off.magnitude() < 0.1**3 / 10

@@ -16,7 +16,12 @@ PERIOD = 0.02
 
 @pytest.mark.parametrize(
     ("numerator", "denominator", "pade"),
-    [([2.0], [1, 3, 2, 0], 0), ([4.0, 4.0], [1, 2, 0, 0], 0), ([2.0, 1.0], [1, 0.5, 0], 0.08)],
+    [
+        ([2.0], [1, 3, 2, 0], 0),
+        ([4.2], [1, 3, 2, 0], 0),
+        ([4.0, 4.0], [1, 2, 0, 0], 0),
+        ([2.0, 1.0], [1, 0.5, 0], 0.08),
+    ],
 )
 def test_python_control_finds_the_same_margins(numerator, denominator, pade):
     loop = control.tf(numerator, denominator)

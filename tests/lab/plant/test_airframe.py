@@ -309,6 +309,20 @@ def test_roll_pitch_and_yaw_turn_as_the_matrix_does(roll, pitch, yaw):
     np.testing.assert_allclose(matrix(*again), R, atol=1e-7 if abs(sp) < 0.999 else 2e-4)
 
 
+@pytest.mark.parametrize("yaw", [0.7, -2.0])
+def test_straight_up_the_whole_turn_is_yaw(yaw):
+    c, s = np.cos(yaw), np.sin(yaw)
+    assert _rpy(np.array([[0.0, -s, c], [0.0, c, s], [-1.0, 0.0, 0.0]])) == pytest.approx((0.0, np.pi / 2, yaw))
+
+
+def test_geoms_of_hidden_groups_are_not_drawn_unless_there_are_no_others():
+    nose = '<geom name="nose"'
+    hidden = shape_of(Airframe(model=changed((nose, '<geom name="nose" group="3"'))))
+    assert len(hidden) == len(shape_of(Airframe(model=TEXT))) - 1
+    every = changed(('<geom contype="0"', '<geom group="3" contype="0"'))
+    assert shape_of(Airframe(model=every)) == shape_of(Airframe(model=TEXT))
+
+
 def test_an_airframe_without_damping_hovers_in_its_trials():
     """They begin at rest: what nothing stops would go on."""
     Airframe(model=changed(('biasprm="0 0 -0.0004"', 'biasprm="0 0 0"'), (' viscosity="0.02"', ""))).start(UP)

@@ -1,0 +1,66 @@
+"""Where the helicopter was: by the truth, and by the cameras of a log that has none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from heli_twin import fly, load
+from heli_twin.metrics.motion import errors, motion, statistics
+from heli_twin.metrics.tracking import tracking_error
+
+
+@pytest.fixture(scope="module")
+def flown():
+    words = [
+        "trajectory=pirouette",
+        "trajectory.rate=2",
+        "duration=4",
+        "disturbances.bias=on",
+        "disturbances.bias.x=0.3",
+    ]
+    return fly(load("ideal", words), log_dir=None).log
+
+
+@pytest.fixture(scope="module")
+def seen(flown):
+    return replace(flown, messages={name: topic for name, topic in flown.messages.items() if name != "/truth"})
+
+
+def test_perfect_cameras_see_the_truth(flown, seen):
+    by_truth, by_cameras = motion(flown), motion(seen)
+    assert (by_truth.by_cameras, by_cameras.by_cameras) == (False, True)
+    there = np.column_stack([np.interp(by_truth.time, by_cameras.time, column) for column in by_cameras.state.T])
+    early = by_truth.time <= by_cameras.time[-1]
+    assert there[early] == pytest.approx(by_truth.state[early], abs=1e-6)
+
+
+def test_errors_by_cameras_are_those_of_the_truth(flown, seen):
+    time, error = errors(seen)
+    truth = tracking_error(flown)
+    assert len(time) > 100
+    assert time == pytest.approx(truth.time[: len(time)])
+    assert error == pytest.approx(truth.error[: len(time)], abs=1e-6)
+    assert np.abs(error[:, 3]).max() < np.pi
+    assert np.abs(error[:, 0]).max() > 0.001
+    assert errors(flown)[1] == pytest.approx(truth.error)
+
+
+def test_statistics_are_those_of_the_magnitudes_between_two_times(flown):
+    truth = tracking_error(flown)
+    kept = truth.error[(truth.time >= 1.0) & (truth.time <= 3.0)]
+    distance, yaw = np.linalg.norm(kept[:, :3], axis=1), np.abs(kept[:, 3])
+    told = statistics(flown, 1.0, 3.0)
+    for name, values in (("position", distance), ("yaw", yaw)):
+        assert told[name] == pytest.approx(
+            {
+                "rmse": np.sqrt(np.mean(values**2)),
+                "mean": values.mean(),
+                "median": np.median(values),
+                "std": values.std(),
+                "min": values.min(),
+                "max": values.max(),
+                "sse": np.sum(values**2),
+            }
+        )
+    assert statistics(flown, 9.0) is None
