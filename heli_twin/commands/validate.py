@@ -2,7 +2,6 @@
 
 import json
 from argparse import ArgumentParser, Namespace, _SubParsersAction
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import command, file_path, progress_bar, say
@@ -71,6 +70,8 @@ def run(parsed: Namespace) -> int:
 
 
 def _validated(parsed: Namespace) -> "Validation":
+    from dataclasses import replace
+
     from heli_twin.experiment.envelope import envelope_in
     from heli_twin.experiment.text import load
     from heli_twin.recording import read_log
