@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from controllers.laws import closed_after
+from controllers.detailed_model import ESTIMATED_STATES
+from controllers.laws import closed_after, preview_of
+from controllers.laws.detailed_mpc import DetailedMpc
 from controllers.laws.external import External
 from controllers.laws.ltv_mpc import LtvMpc
+from controllers.model import GRAVITY
 from controllers.reference import ReferencePreview
 from controllers.signals import Estimate, Reference
 from controllers.trajectories.circle import Circle
@@ -27,21 +30,23 @@ def _one_thread() -> Iterator[None]:
         yield
 
 
-def circle(law: LtvMpc) -> list[tuple[Estimate, Reference]]:
+def circle(law: LtvMpc | DetailedMpc) -> list[tuple[Estimate, Reference]]:
     """What a controller is given on the circle, with estimation errors of the size the lab has."""
-    preview, rng = ReferencePreview(Circle(), law.model, PERIOD, 0), np.random.default_rng(0)
+    preview, rng = preview_of(law, Circle(), PERIOD, 0), np.random.default_rng(0)
+    further = np.array([s.name == "thrust_acceleration" for s in ESTIMATED_STATES]) * GRAVITY
     scatter = np.array([0.01, 0.01, 0.002, 0.01, 0.02, 0.02, 0.01, 0.1])
     given = []
     for k in range(STEPS):
         reference = preview(k * PERIOD, law.steps)
         x = reference.x[0] + scatter * rng.standard_normal(8)
-        given.append((Estimate(k * PERIOD, x, np.zeros(4), np.zeros((4, 3)), k * PERIOD, 0), reference))
+        given.append(
+            (Estimate(k * PERIOD, x, np.zeros(4), np.zeros((4, 3)), k * PERIOD, 0, further, 0 * further), reference)
+        )
     return given
 
 
-@pytest.mark.parametrize("coupling", ["removed", "full"])
-def test_control_step_on_the_circle(benchmark, coupling):
-    law = LtvMpc(coupling=coupling)
+@pytest.mark.parametrize("law", [LtvMpc(), LtvMpc(coupling="full"), DetailedMpc()], ids=["removed", "full", "detailed"])
+def test_control_step_on_the_circle(benchmark, law):
     given, controller = circle(law), law.start()
     upcoming = iter(given * 20)
 
