@@ -68,7 +68,7 @@ def run(parsed: Namespace) -> int:
         return 0
     experiment = _believed(parsed.what)
     alarm = Alarm(_band(parsed.quiet, experiment), parsed.rate)
-    messages = from_lines(_standard_input()) if parsed.log == PIPE else from_log(_read(parsed.log))
+    messages = from_lines(_standard_input()) if parsed.log == PIPE else from_log(_commanded(parsed.log))
     events: list[ShadowEvent] = []
     try:
         for seen in watched(experiment, messages):
@@ -113,6 +113,23 @@ def _read(path: str | Path) -> Any:
     from heli_twin.recording import read_log
 
     return read_log(path, ("/mocap/pose", "/command/sent"))
+
+
+def _commanded(path: str) -> Any:
+    """A log with commands.
+
+    Raises:
+        HeliTwinError: It has none, so that nothing can be predicted.
+    """
+    import numpy as np
+
+    log = _read(path)
+    if not len(log.sent.time) or not np.isfinite(log.sent.u).all():
+        raise HeliTwinError(
+            f"{path} lacks sent commands: the twin needs all four inputs; import the recording with them"
+            " (`heli-twin import take.csv --commands sent.csv`)"
+        )
+    return log
 
 
 def _standard_input() -> Iterable[str]:

@@ -254,8 +254,15 @@ def pieces_of(log: Log, name: str, twin: Twin) -> tuple[Flight, Flight]:
 
 def _beside(what: tuple[Twin, Flight, Flight]) -> tuple[Side, Forecast]:
     twin, whole, pieces = what
-    held = held_fit(whole, twin)
-    predicted = forecast(pieces, twin, held)
+    try:
+        with np.errstate(all="ignore"):
+            held = held_fit(whole, twin)
+            predicted = forecast(pieces, twin, held)
+    except (np.linalg.LinAlgError, ValueError):
+        raise HeliTwinError(
+            f"the twin '{twin.name}' cannot predict {whole.name}: what it predicts does not stay finite; it is too far"
+            " from this helicopter, or the log is damaged"
+        ) from None
     push = tuple(held.state.nuisance[0, PUSH].tolist())
     gust = float(np.exp(held.state.eta[noise.COMPONENTS.index("gust_strength")]))
     return Side(twin.name, agreements(predicted), structure(held), push, gust), predicted

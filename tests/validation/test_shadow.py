@@ -129,3 +129,11 @@ def test_a_wrong_line_is_told_in_a_sentence(text, sentence, monkeypatch, capsys)
     said = capsys.readouterr().err
     assert sentence in said
     assert len(said) < 500
+
+
+def test_a_log_without_commands_is_refused(tmp_path, capsys):
+    rows = [f"{0.01 * i:.2f},{0.002 * i:.4f},0,1,0" for i in range(80)]
+    (tmp_path / "take.csv").write_text("\n".join(["time,x,y,z,yaw", *rows, ""]))
+    assert main(["import", str(tmp_path / "take.csv")]) == 0
+    assert main(["shadow", str(tmp_path / "take.mcap")]) == 2
+    assert "take.mcap lacks sent commands: the twin needs all four inputs" in capsys.readouterr().err
