@@ -66,8 +66,10 @@ def lines(page: str) -> Iterator[str]:
 
 
 def ours(page: str) -> list[str]:
-    """The commands of heli-twin on a page."""
-    return [line for line in lines(page) if line.startswith("heli-twin ") and not EXAMPLES.search(line)]
+    """The commands of heli-twin on a page, each once."""
+    return list(
+        dict.fromkeys(line for line in lines(page) if line.startswith("heli-twin ") and not EXAMPLES.search(line))
+    )
 
 
 @pytest.mark.parametrize("page", PAGES)
