@@ -99,7 +99,8 @@ class DetailedMpcController(RecedingHorizon):
     """The MPC of one flight, with its last plan."""
 
     def __init__(self, spec: DetailedMpc) -> None:
-        self._reference, self._play = prepared_reference(spec.model), ServoPlay(spec.model.servo_play)
+        self._reference = prepared_reference(spec.model)
+        self._play = ServoPlay(spec.model.servo_play) if spec.model.servo_play else None
         self._linearise = DetailedLinearisation(spec.model, spec.period, spec.steps)
         hover = spec.hover()
         Qf, self._gust_target = _terminal(spec)
@@ -113,7 +114,7 @@ class DetailedMpcController(RecedingHorizon):
     def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
         """Send the first input of the plan, ahead of it where the swashplate's play has to be crossed."""
         command = super().step(now, estimate, reference)
-        if self._model.servo_play == 0.0:
+        if self._play is None:
             return command
         sent = self._play.ahead(command.u)
         return command._replace(u=np.minimum(np.maximum(sent, self._limits.u_min), self._limits.u_max))
