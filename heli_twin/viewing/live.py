@@ -60,11 +60,13 @@ def show(log: Log, destination: Destination, scales: Scales, tab: str = "") -> N
     Raises:
         LogError: No viewer listens or answers, the file cannot be written, or there is no such tab.
     """
-    scales = scales.for_log(log)
+    # Where the live picture has it, which knows the plan alone.
+    planned, scales = scales.path, scales.for_log(log)
+    floor = floor_mark(scales.path if planned is None else planned)
     scales = scales._replace(present=entities(log, scales), ranges=ranges([log]))
 
     def fill(stream: rr.RecordingStream) -> None:
-        send_static(stream, source=scales.source, shape=scales.shape, floor=floor_mark(scales.path))
+        send_static(stream, source=scales.source, shape=scales.shape, floor=floor)
         send(stream, log, scales)
 
     deliver(destination, layout(scales, tab), fill)
