@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -126,7 +126,7 @@ def test_a_viewer_that_hangs_holds_up_neither_the_flight_nor_the_end_of_the_prog
 
 REPLAY = """
 import socket, sys
-from threading import Thread
+from threading import Event, Thread
 from heli_twin.viewing import show
 from heli_twin.cli import main
 from heli_twin.viewing import delivery
@@ -201,19 +201,26 @@ def test_showing_without_a_viewer_says_how_to_start_one(free_port: int) -> None:
 def test_a_port_that_another_program_uses_is_told_at_once(is_mute: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(viewer_process, "GREETING_TIMEOUT_S", 0.2)
     connections: list[socket.socket] = []
+    ended = Event()
 
     def serve() -> None:
-        with suppress(OSError):
-            while True:
+        while not ended.is_set():
+            with suppress(TimeoutError):
                 connections.append(server.accept()[0])
                 if not is_mute:
                     connections[-1].close()
 
     with socket.create_server(("127.0.0.1", 0)) as server:
-        Thread(target=serve, daemon=True).start()
+        server.settimeout(0.05)
+        thread = Thread(target=serve)
+        thread.start()
         port = server.getsockname()[1]
         with pytest.raises(LogError, match=f"another program than a viewer uses port {port}: .* Rerun file"):
             show(Log({}), Destination(port=port, spawn=True), SCALES)
+        ended.set()
+        thread.join()
+    for connection in connections:
+        connection.close()
 
 
 def test_without_a_screen_no_viewer_is_started(free_port: int, monkeypatch: pytest.MonkeyPatch) -> None:
