@@ -1,7 +1,7 @@
 """From logs to a calibrated helicopter: the fit in stages, its parameters with intervals, what is left out.
 
 Effects that the flights do not show are left out, since each costs the others accuracy: hub drag, thrust-yaw coupling,
-the battery, and the servos' play and speed, which are fitted only if the attitude cannot be explained without them.
+the battery, and the servos' play and speed, which are fitted only if the attitude is explained better with them.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from heli_twin.calibration import noise
 from heli_twin.calibration.checks import CalibrationError, check_clock, check_form, check_recording, remarks
 from heli_twin.calibration.data import Flight, flight_of
 from heli_twin.calibration.fit import CONVERGED, CONVERGED_WITH_PLAY, Fit, fit
-from heli_twin.calibration.frames import framed
+from heli_twin.calibration.frames import FRAME_GAIN, framed, timed
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, POSITIVE, SPREAD, lab_of, of_experiment, vector
 from heli_twin.calibration.problem import FIXED, Problem
 from heli_twin.calibration.structure import Structure, structure
@@ -35,8 +35,6 @@ SHOWN = 16.0
 Z_95 = 1.959964
 TOLD = 0.5
 """A parameter is told if its standard deviation is below this share of the prior's."""
-SERVO_SUSPECT = 1.5
-"""Correlation of the attitude's residual with the commands from which on the servos are looked at."""
 
 
 class Known(NamedTuple):
@@ -188,11 +186,11 @@ def calibrate(
     problem = Problem(flights, lab_of(base), prior, spread)
     blind = fit(problem, None, progress, enough=1.0, limit=5)
     first = fit(problem, framed(problem, blind), progress, enough=0.5, limit=4)
-    form = structure(first)
-    if max(form.correlation["pitch"], form.correlation["roll"]) > SERVO_SUSPECT:
-        problem = Problem(flights, lab_of(base), prior, SPREAD.copy())
-        begin = first.state._replace(theta=problem.started(first.state.theta, SPREAD))
-        first = fit(problem, begin, progress, enough=0.3)
+    loose = Problem(flights, lab_of(base), prior, SPREAD.copy())
+    begin, gain = timed(loose, first, first.state._replace(theta=loose.started(first.state.theta, SPREAD)))
+    if gain > FRAME_GAIN:
+        first = fit(loose, begin, progress, enough=1.0, limit=4)
+        first = fit(loose, timed(loose, first, first.state)[0], progress, enough=0.5, limit=5)
     kept = tuple(name for name in EFFECTS if _is_shown(first, name))
     spread, theta = first.problem.spread.copy(), first.state.theta.copy()
     for name in EFFECTS:

@@ -80,20 +80,20 @@ class Held:
         # A second of the first command before, a minute of the last one behind.
         self.t, self.u = np.concatenate([[t[0] - 1.0], t[1:], [t[-1] + 60.0]]), u
         held = np.diff(self.t)[:, None]
-        self.once = np.vstack([np.zeros(4), np.cumsum(u * held, axis=0)])
-        self.twice = np.vstack([np.zeros(4), np.cumsum(self.once[:-1] * held + 0.5 * u * held**2, axis=0)])
+        self.once = np.vstack([np.zeros(u.shape[1]), np.cumsum(u * held, axis=0)])
+        self.twice = np.vstack([np.zeros(u.shape[1]), np.cumsum(self.once[:-1] * held + 0.5 * u * held**2, axis=0)])
 
     def at(self, t: Array) -> Array:
-        """Return the inputs (..., 4) at times (...), s."""
+        """Return the inputs (..., m) at times (...), s."""
         return self.u[self._place(t)]
 
     def integral(self, t: Array) -> Array:
-        """Return the integral (n, 4) up to ascending times (n,)."""
+        """Return the integral (n, m) up to ascending times (n,)."""
         i = self._place(t)
         return self.once[i] + self.u[i] * (t - self.t[i])[:, None]
 
     def double_integral(self, t: Array) -> Array:
-        """Return the integral (n, 4) of the integral."""
+        """Return the integral (n, m) of the integral."""
         i = self._place(t)
         since = (t - self.t[i])[:, None]
         return self.twice[i] + self.once[i] * since + 0.5 * self.u[i] * since**2

@@ -8,14 +8,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from controllers.model import GRAVITY
 from controllers.signals import Array
-from heli_twin.calibration.data import STEP_S, Flight
+from heli_twin.calibration.data import STEP_S, Flight, Held
 from heli_twin.calibration.parameters import BATTERY_VOLTAGE_V, INDEX, values
 from heli_twin.lab.plant.effects import PERIOD_NS
-from heli_twin.lab.plant.effects.battery import CHARGES, OPEN_VOLTAGES_V
+from heli_twin.lab.plant.effects.battery import CHARGES, OPEN_VOLTAGES_V, BatterySpec
 
 THRUST_EXPONENT, CURRENT_EXPONENT = 1.6, 1.5
 """Of the voltage in the thrust, and of the thrust in the current: see the plant effect `battery`."""
@@ -32,25 +33,30 @@ class Drive(NamedTuple):
     yaw: Array
 
 
-def drives_of(flight: Flight, variants: Sequence[Array], phases: Sequence[float | None]) -> list[Drive]:
+def drives_of(
+    flight: Flight, variants: Sequence[Array], phases: Sequence[float | None], servo: Sequence[float] | None = None
+) -> list[Drive]:
     """Return what a flight's commands make the actuators do.
 
     Args:
         flight: With its commands.
         variants: Some vectors (n,) of the fit.
         phases: Of the radio's frames in each; None if they are unknown.
+        servo: When a period of the servos begins in each, after `phases` (or, if unknown, after the delay), s.
     """
-    each = [values(theta) for theta in variants]
+    each, begins = [values(theta) for theta in variants], servo or [0.0] * len(variants)
     inputs: dict[tuple[float, float | None], Array] = {}
     t: Array = flight.origin + STEP_S * np.arange(flight.steps, dtype=np.float64)
     for p, phase in zip(each, phases, strict=True):
         way = float(p[INDEX["delay"]]) + GRID_S, phase
         if way not in inputs:
             inputs[way] = flight.sent.acting(way[0], t, phase)
-    cyclic = _Servos(flight, each, phases) if max(map(sum, map(_play_of, each))) > 0.0 else None
+    cyclic = _Servos(flight, each, phases, begins) if max(map(sum, map(_play_of, each))) > 0.0 else None
     return [
-        _drive(inputs[float(p[INDEX["delay"]]) + GRID_S, phase], p, cyclic.swashplate(p, phase) if cyclic else None)
-        for p, phase in zip(each, phases, strict=True)
+        _drive(
+            inputs[float(p[INDEX["delay"]]) + GRID_S, phase], p, cyclic.swashplate(p, phase, begin) if cyclic else None
+        )
+        for p, phase, begin in zip(each, phases, begins, strict=True)
     ]
 
 
@@ -76,66 +82,75 @@ def _drive(u: Array, p: Array, swashplate: Array | None) -> Drive:
 class _Servos:
     """The swashplate of one flight.
 
-    A servo that moves at limited speed, and a linkage with play, do not follow the average of their inputs: where the
-    phase of the radio's frames is unknown, their path is found for some, and then averaged.
+    Servo and linkage move as the plant effect `servo` has them: by a limited way in each period, at its beginning and
+    at a new command. Where the radio's frames are unknown, commands are taken without their wait, and the path is
+    smoothed over it.
     """
 
-    def __init__(self, flight: Flight, variants: Sequence[Array], phases: Sequence[float | None]) -> None:
-        self._delay, self._phase = float(variants[0][INDEX["delay"]]), phases[0]
-        self._t = flight.origin + STEP_S * (np.arange(flight.steps) + 0.5)
-        sent, least = flight.sent, self._delay + GRID_S - 0.5 * flight.sent.frame
-        # The inputs in the middle of each step stand for it: those at its beginning would be half a step late.
-        times = flight.origin + SERVO_STEP_S * (np.arange(flight.steps * STEP_S // SERVO_STEP_S + 2) + 0.5)
-        if not sent.frame:
-            u = sent.held.at(times[:, None] - least)
-        elif self._phase is not None:
-            u = sent.frames(least, times, self._phase).at(times[:, None])
-        else:
-            wait = np.mod(times[:, None] - sent.frame * (np.arange(PHASES) + 0.5) / PHASES, sent.frame)
-            u = sent.held.at(times[:, None] - least - wait)
+    def __init__(
+        self, flight: Flight, variants: Sequence[Array], phases: Sequence[float | None], begins: Sequence[float]
+    ) -> None:
+        self._sent, self._phase = flight.sent, phases[0]
+        self._least = float(variants[0][INDEX["delay"]]) + GRID_S - 0.5 * flight.sent.frame
+        self._edges = flight.origin + STEP_S * np.arange(flight.steps + 1)
         self._plays = list(dict.fromkeys(map(_play_of, variants)))
-        self._paths = _swashplates(u[..., :2], np.array(self._plays))
-        self._times = times
+        self._paths = {begin: self._paths_of(begin) for begin in dict.fromkeys(begins)}
 
-    def swashplate(self, p: Array, phase: float | None) -> Array:
+    def _paths_of(self, begin: float) -> list[Held]:
+        """The paths of all plays."""
+        if self._phase is None:
+            t, u, anchor = self._sent.t + self._least, self._sent.u, self._least
+        else:
+            held = self._sent.frames(self._least, self._edges, self._phase)
+            t, u, anchor = held.t[:-1], held.u, self._phase
+        first, last = (np.ceil((edge - begin - anchor) / SERVO_PERIOD_S) for edge in (t[0], t[-1]))
+        periods = anchor + begin + SERVO_PERIOD_S * np.arange(first, last)
+        times = np.concatenate([t, periods])
+        # A command that comes with the period's end still uses what is left of its travel.
+        is_period = np.arange(len(times)) >= len(t)
+        order = np.lexsort((is_period, np.round(times, 6)))
+        times, is_period = times[order], is_period[order]
+        paths = _swashplates(u[np.cumsum(~is_period) - 1, :2], is_period, np.array(self._plays))
+        return [Held(times, np.ascontiguousarray(paths[:, i])) for i in range(len(self._plays))]
+
+    def swashplate(self, p: Array, phase: float | None, begin: float) -> Array:
         """Return its mean path (steps, 2) before the lag; a later frame, or a longer delay, moves the whole path."""
-        path = self._paths[:, self._plays.index(_play_of(p))]
-        later = float(p[INDEX["delay"]]) - self._delay
+        path, wait = self._paths[begin][self._plays.index(_play_of(p))], self._sent.frame
         if self._phase is not None and phase is not None:
-            later = phase - self._phase
-        return np.column_stack([np.interp(self._t - later, self._times, axis) for axis in path.T])
+            return np.diff(path.integral(self._edges - (phase - self._phase)), axis=0) / STEP_S
+        edges = self._edges - (float(p[INDEX["delay"]]) + GRID_S - 0.5 * wait - self._least)
+        if not wait:
+            return np.diff(path.integral(edges), axis=0) / STEP_S
+        twice = path.double_integral(edges) - path.double_integral(edges - wait)
+        return np.diff(twice, axis=0) / (STEP_S * wait)
 
 
-def _swashplates(u: Array, plays: Array) -> Array:
-    """Servo and linkage as the plant effect `servo` has them: it moves once a period, and at a new command.
+def _swashplates(u: Array, is_period: NDArray[np.bool_], plays: Array) -> Array:
+    """Servo and linkage at events: a new command, or the begin of a period.
 
     Args:
-        u: (n, phases, 2) commands that act, every `SERVO_STEP_S`.
+        u: (n, 2) command from each event on.
+        is_period: (n,) whether a period begins.
         plays: (v, 2) backlash and slowness.
 
     Returns:
-        (n, v, 2) path, the mean over the phases.
+        (n, v, 2) path.
     """
-    half = 0.5 * plays[:, 0, None, None]
-    travel = SERVO_PERIOD_S / np.maximum(plays[:, 1, None, None], 1e-9)
+    half = 0.5 * plays[:, :1]
+    travel = SERVO_PERIOD_S / np.maximum(plays[:, 1:], 1e-9)
     out = np.empty((len(u), len(plays), 2))
-    servo = plate = np.broadcast_to(u[0], (len(plays), *u[0].shape))
-    low = high = servo
-    for k, now in enumerate(u):
-        if k % SERVO_PERIOD_STEPS == 0:
-            # A command that comes with the period's end still uses what is left of its travel.
-            servo = np.minimum(np.maximum(now, low), high)
+    servo = plate = np.broadcast_to(u[0], (len(plays), 2))
+    low, high = servo - travel, servo + travel
+    for now, begins, row in zip(u, is_period.tolist(), out, strict=True):
+        if begins:
             low, high = servo - travel, servo + travel
         servo = np.minimum(np.maximum(now, low), high)
         plate = np.minimum(np.maximum(plate, servo - half), servo + half)
-        out[k] = plate.sum(axis=1)
-    return out / u.shape[1]
+        row[:] = plate
+    return out
 
 
-SERVO_STEP_S, SERVO_PERIOD_S = 0.002, 1e-9 * PERIOD_NS
-SERVO_PERIOD_STEPS = round(SERVO_PERIOD_S / SERVO_STEP_S)
-PHASES = 11
-"""Phases of the radio's frames over which the swashplate is averaged."""
+SERVO_PERIOD_S = 1e-9 * PERIOD_NS
 
 
 def _lagged(u: Array, lag: float) -> Array:
@@ -157,7 +172,8 @@ def _battery(load: Array, drain: float, droop: float) -> Array:
     # The current depends on the thrust, which depends on the last voltage: a contraction by 0.14.
     for _ in range(5):
         power = np.maximum(at * np.concatenate([factor[:1], factor[:-1]]), 0.0) ** CURRENT_EXPONENT
-        used = drain * BATTERY_STEPS * STEP_S * (np.cumsum(power) - power)
+        taken = IDLE_SHARE + (1.0 - IDLE_SHARE) * power
+        used = drain * BATTERY_STEPS * STEP_S * (np.cumsum(taken) - taken)
         lost = OPEN_VOLTAGES_V[-1] - np.interp(1.0 - used, CHARGES, OPEN_VOLTAGES_V)
         # Linear beyond a full cell: a drain may come out negative.
         lost += np.minimum(used, 0.0) * _SLOPE_V
@@ -165,5 +181,7 @@ def _battery(load: Array, drain: float, droop: float) -> Array:
     return np.repeat(factor, BATTERY_STEPS)[: len(load)]
 
 
+IDLE_SHARE = BatterySpec().idle_current / (BatterySpec().idle_current + BatterySpec().hover_current)
+"""Of electronics and servos in the current of hovering."""
 BATTERY_STEPS = round(1e-9 * PERIOD_NS / STEP_S)
 _SLOPE_V = (OPEN_VOLTAGES_V[-1] - OPEN_VOLTAGES_V[-2]) / (CHARGES[-1] - CHARGES[-2])

@@ -21,11 +21,10 @@ class Normal(NamedTuple):
     """(w, m) J' P r of each window."""
     to_start: Callable[[Array], Array]
     """From a step (m,) to the steps (w, 12) of the first states."""
-    reml: noise.Reml
 
 
 def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Normal:
-    """Return the normal equations of one Gauss-Newton step, and of the variances.
+    """Return the normal equations of one Gauss-Newton step.
 
     Args:
         problem: The flights.
@@ -34,15 +33,9 @@ def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Nor
         rows: (w, BINS, 6, .) derivatives by theta and a log's nuisance, the residual, derivatives by the first state.
     """
     w, n = len(problem.log_of), N_THETA + N_LOG
-    gram, reml = np.zeros((w, n + 1 + N_START, n + 1 + N_START)), noise.Reml()
-    for weights in noise.weighted(air, eta, with_parts=True):
-        k, parts = weights.windows, noise.blocks(weights, rows)
-        for matrix, part in parts.values():
-            gram[k] += part.transpose(0, 2, 1) @ (matrix @ part)
-        gram[k, n + 1 :, n + 1 :] += 1e-9 * np.eye(N_START)
-        residual = {name: part[..., n : n + 1] for name, (_, part) in parts.items()}
-        first = {name: part[..., n + 1 :] for name, (_, part) in parts.items()}
-        reml.add(weights, residual, first, gram[k, n + 1 :, n + 1 :])
+    white = noise.whiten(air, eta, rows)[0].reshape(w, -1, rows.shape[-1])
+    gram = white.transpose(0, 2, 1) @ white
+    gram[:, n + 1 :, n + 1 :] += 1e-9 * np.eye(N_START)
     inverse = np.linalg.inv(gram[:, n + 1 :, n + 1 :])
     back = inverse @ gram[:, n + 1 :, : n + 1]
     local = gram[:, : n + 1, : n + 1] - gram[:, : n + 1, n + 1 :] @ back
@@ -58,4 +51,4 @@ def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Nor
             [of_window @ step[c] for of_window, c in zip(back[..., :n], places, strict=True)]
         )
 
-    return Normal(matrix, scores.sum(axis=0), scores, to_start, reml)
+    return Normal(matrix, scores.sum(axis=0), scores, to_start)

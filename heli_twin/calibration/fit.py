@@ -33,13 +33,12 @@ CONVERGED_WITH_PLAY = 0.4
 a standard deviation at most."""
 STALE = 0.5
 """Step, in posterior standard deviations, up to which the derivatives before it are used again."""
+RENEWED = 5.0
+"""Step, in posterior standard deviations, after which the response to wind is found again."""
 WIDER = (1.2, 1.5)
 """Limits of a reported standard deviation, as a multiple of the model's. The model's is a little short, since the
 covariance is estimated too and the timing of commands is not white; the sandwich of some sixty windows scatters by a
-quarter. Chosen on pilot twins that no test judges: of 70 of the model's own 95 % intervals 63 held."""
-WITH_PLAY = 2.0
-"""Factor on standard deviations where servos have play and limited speed. When they move is not known from outside: on
-a pilot twin errors were twice as large as without."""
+quarter. Chosen on pilot twins that no test judges."""
 MEMORY_WINDOWS = 2
 """Windows further apart than this are taken as independent by the sandwich."""
 
@@ -74,9 +73,7 @@ class Fit:
     def deviation(self) -> Array:
         """Standard deviations (n,) of theta: the sandwich's, within `WIDER` times the model's."""
         model = np.sqrt(np.diag(self.covariance))
-        has_play = self.problem.spread[INDEX["servo_backlash"]] > FIXED
-        factor = WITH_PLAY if has_play else 1.0
-        return factor * model * np.clip(np.sqrt(np.diag(self.sandwich)) / model, *WIDER)
+        return model * np.clip(np.sqrt(np.diag(self.sandwich)) / model, *WIDER)
 
 
 class _Step(NamedTuple):
@@ -123,7 +120,7 @@ def fit(
 def _fit(problem: Problem, begin: State | None, progress: Callable[[], None], enough: float, limit: int) -> Fit:
     state = begin or problem.initial()
     blind = 0 if begin else BLIND_ITERATIONS
-    air = noise.windage(state.theta, problem.yaw, problem.frames)
+    air = problem.windage(state)
     now, previous, share, iteration = _step(problem, state, air, None), np.inf, 1.0, 1
     progress()
     while iteration < limit:
@@ -131,8 +128,8 @@ def _fit(problem: Problem, begin: State | None, progress: Callable[[], None], en
         if iteration > blind + 1 and now.size < enough and calm:
             break
         state = _moved(problem, state, now, share, keep_eta=iteration <= blind)
-        if iteration < blind + 3:
-            air = noise.windage(state.theta, problem.yaw, problem.frames)
+        if now.size > RENEWED:
+            air = problem.windage(state)
         is_stale = now.size > STALE or now.size > 0.5 * previous
         previous, now = now.size, _step(problem, state, air, None if is_stale else now)
         # Steps that do not become shorter jump over a kink of the servos' play.
@@ -154,7 +151,8 @@ def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None)
     away = np.concatenate([state.theta - problem.prior, state.nuisance.ravel()])
     covariance = np.asarray(np.linalg.inv(equations.matrix + precision), np.float64)
     step = covariance @ (equations.vector - precision @ away)
-    return _Step(predicted, residual, jacobian, first, equations, covariance, step, *equations.reml.step(state.eta))
+    variances = noise.next_variances(air, state.eta, residual, first)
+    return _Step(predicted, residual, jacobian, first, equations, covariance, step, *variances)
 
 
 def _precision(problem: Problem) -> Array:
@@ -174,6 +172,7 @@ def _moved(problem: Problem, state: State, now: _Step, share: float, *, keep_eta
         state.start + now.equations.to_start(step),
         state.eta if keep_eta else now.eta,
         state.framed,
+        state.servo,
     )
 
 

@@ -5,12 +5,16 @@ from threadpoolctl import threadpool_limits
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
+from heli_twin.calibration.drive import SERVO_PERIOD_S
 from heli_twin.calibration.fit import Fit
-from heli_twin.calibration.problem import LOG_SPREAD, N_LOG, N_START, N_THETA, PHASE, Problem, State
+from heli_twin.calibration.parameters import INDEX
+from heli_twin.calibration.problem import LOG_SPREAD, N_LOG, N_START, N_THETA, PHASE, Later, Problem, State
 
 PHASES, FRAME_GAIN = 22, 50.0
 """Phases of the frames that are tried, and the least gain in the weighted square that decides for one: twice the log of
 the number of phases is 6, and the gain is in the hundreds where frames are regular."""
+TURNS = 10
+"""Times between two periods of the servos that are tried."""
 
 
 def framed(problem: Problem, fitted: Fit) -> State:
@@ -33,8 +37,8 @@ def _framed(problem: Problem, fitted: Fit) -> State:
     unframed = state._replace(framed=(None,) * len(problem.flights))
     variants = np.broadcast_to(state.theta, (PHASES, N_THETA))
     predicted = [
-        *problem.simulated(state, variants, phases.tolist()),
-        problem.simulated(unframed, variants[:1], [0.0])[0],
+        *problem.simulated(state, variants, [Later(frames) for frames in phases.tolist()]),
+        problem.simulated(unframed, variants[:1], [Later()])[0],
     ]
     misfit = _misfit(
         problem, fitted, np.stack([problem.residual(problem.measured(h, state)) for h in predicted], axis=-1)
@@ -45,14 +49,38 @@ def _framed(problem: Problem, fitted: Fit) -> State:
     return state._replace(framed=tuple(framed))
 
 
+def timed(problem: Problem, fitted: Fit, state: State) -> tuple[State, float]:
+    """Return a state whose servos begin their periods when it explains the poses best.
+
+    Args:
+        problem: The flights, servos free.
+        fitted: Says how the other parameters follow.
+        state: Where servos with play and limited speed are tried.
+
+    Returns:
+        The state, and how much less the weighted square is than with servos that follow at once.
+    """
+    ideal = state.theta.copy()
+    ideal[[INDEX["servo_backlash"], INDEX["servo_slowness"]]] = 0.0
+    with threadpool_limits(limits=1):
+        begins = SERVO_PERIOD_S * np.arange(TURNS) / TURNS
+        state = state._replace(servo=(0.0,) * len(problem.flights))
+        variants = np.vstack([np.broadcast_to(state.theta, (TURNS, N_THETA)), ideal])
+        later = [*(Later(servo=begin) for begin in begins.tolist()), Later()]
+        predicted = problem.simulated(state, variants, later)
+        residuals = [problem.residual(problem.measured(h, state)) for h in predicted]
+        misfit = _misfit(problem, fitted, np.stack(residuals, axis=-1))
+    best = np.argmin(misfit[:, :TURNS], axis=1)
+    gain = float((misfit[:, TURNS] - misfit[np.arange(len(best)), best]).sum())
+    return state._replace(servo=tuple(begins[best].tolist())), gain
+
+
 def _misfit(problem: Problem, fitted: Fit, residuals: Array) -> Array:
     """Weighted squares (logs, c) of residuals (w, BINS, 6, c), with parameters and first states fitted to each."""
     c, n = residuals.shape[-1], N_THETA + N_LOG
     rows = np.concatenate([residuals, fitted.jacobian, fitted.first], axis=-1)
-    gram = np.zeros((len(rows), rows.shape[-1], rows.shape[-1]))
-    for weights in noise.weighted(fitted.air, fitted.state.eta, with_parts=False):
-        for matrix, part in noise.blocks(weights, rows).values():
-            gram[weights.windows] += part.transpose(0, 2, 1) @ (matrix @ part)
+    white = noise.whiten(fitted.air, fitted.state.eta, rows)[0].reshape(len(rows), -1, rows.shape[-1])
+    gram = white.transpose(0, 2, 1) @ white
     k = c + n
     back = np.linalg.solve(gram[:, k:, k:] + 1e-9 * np.eye(N_START), gram[:, k:, :k])
     local = gram[:, :k, :k] - gram[:, :k, k:] @ back

@@ -39,6 +39,27 @@ class Lanes(NamedTuple):
     """(steps, d, 4, w) pitch, roll, thrust per mass, yaw of d different drives."""
     which: NDArray[np.int64]
     """(p,) the drive of each variant."""
+    wind: Array | None = None
+    """(p, w, 2) m/s; None: still air."""
+
+
+class Transitions(NamedTuple):
+    """The equations linearised along each window. State: pose (x y z yaw pitch roll), then its rates."""
+
+    state: Array
+    """(w, bins, 12, 12) from the start of a bin to its end."""
+    state_by_wind: Array
+    """(w, bins, 12, 2) of a wind that blows for the bin, north and west."""
+    pose: Array
+    """(w, bins, 6, 12) of the bin's mean pose by the state at its start."""
+    pose_by_wind: Array
+    """(w, bins, 6, 2)."""
+
+
+DELTA = np.array([1e-3] * 6 + [1e-2] * 6 + [1e-2] * 2)
+"""Steps of the differences: poses, rates, wind."""
+STRIDE = 4
+"""Steps at once where the equations are linearised: good enough for a covariance."""
 
 
 def simulate(lanes: Lanes, weights: Array, early: Array, lab: Lab) -> Array:
@@ -51,21 +72,63 @@ def simulate(lanes: Lanes, weights: Array, early: Array, lab: Lab) -> Array:
         lab: The build.
     """
     p, w = lanes.push.shape[:2]
-    step = _stepper(lanes, lab)
-    seen: NDArray[np.bool_] = np.asarray(weights.any(axis=0))
-    seen_early: NDArray[np.bool_] = np.asarray(early.any(axis=0))
-    state = np.ascontiguousarray(np.moveaxis(lanes.start, -1, 0))
-    pose, rate = _split(state)
+    step = _stepper(lanes, lab, STEP_S)
+    seen, seen_early = (np.asarray(a.any(axis=0)).tolist() for a in (weights, early))
+    pose, rate = _split(np.ascontiguousarray(np.moveaxis(lanes.start, -1, 0)))
     out = np.zeros((early.shape[1], 6, p, w))
     for k in range(len(lanes.drive)):
         if seen[k]:
             out[k // BIN_STEPS] += weights[:, k] * pose
-        if k % BIN_STEPS == 0 and k and seen_early[k // BIN_STEPS - 1]:
-            out[k // BIN_STEPS - 1] += early[:, k // BIN_STEPS - 1] * pose
         step(pose, rate, lanes.drive[k][lanes.which])
-    if seen_early[-1]:
-        out[-1] += early[:, -1] * pose
+        if (k + 1) % BIN_STEPS == 0 and seen_early[k // BIN_STEPS]:
+            out[k // BIN_STEPS] += early[:, k // BIN_STEPS] * pose
     return np.moveaxis(out, (0, 1), (2, 3))
+
+
+def transitions(lanes: Lanes, weights: Array, early: Array, lab: Lab) -> Transitions:
+    """Return the equations linearised along the windows of one variant; arguments as in `simulate`."""
+    w, n = lanes.push.shape[1], len(DELTA)
+    wind = np.zeros((1 + n, w, 2))
+    wind[n - 1, :, 0], wind[n, :, 1] = DELTA[-2:]
+    many = Lanes(
+        np.broadcast_to(lanes.theta, (1 + n, lanes.theta.shape[1])),
+        np.broadcast_to(lanes.start, (1 + n, w, 12)),
+        np.broadcast_to(lanes.push, (1 + n, w, 3)),
+        lanes.drive,
+        np.zeros(1 + n, np.int64),
+        wind,
+    )
+    step = _stepper(many, lab, STRIDE * STEP_S)
+    drive, weights, early = _coarse(lanes.drive, weights, early)
+    pose, rate = _split(np.ascontiguousarray(np.moveaxis(many.start, -1, 0)))
+    bins, in_bin = early.shape[1], BIN_STEPS // STRIDE
+    end, mean = np.empty((bins, 12, n, w)), np.empty((bins, 6, n, w))
+    for k in range(bins):
+        pose[:, 1:], rate[:, 1:] = pose[:, :1], rate[:, :1]
+        for i in range(6):
+            pose[i, 1 + i] += DELTA[i]
+            rate[i, 7 + i] += DELTA[6 + i]
+        seen = np.zeros_like(pose)
+        for j in range(k * in_bin, (k + 1) * in_bin):
+            seen += weights[:, j] * pose
+            step(pose, rate, drive[j][many.which])
+        seen += early[:, k] * pose
+        both = np.concatenate([pose, rate])
+        end[k] = (both[:, 1:] - both[:, :1]) / DELTA[:, None]
+        mean[k] = (seen[:, 1:] - seen[:, :1]) / DELTA[:, None]
+    end, mean = np.moveaxis(end, 3, 0), np.moveaxis(mean, 3, 0)
+    return Transitions(end[..., :12], end[..., 12:], mean[..., :12], mean[..., 12:])
+
+
+def _coarse(drive: Array, weights: Array, early: Array) -> tuple[Array, Array, Array]:
+    """Drives and shares for `STRIDE` steps at once; a share is divided between the poses before and behind it."""
+    w, bins = early.shape
+    shares = weights[:, :-1].reshape(w, bins, -1, STRIDE)
+    behind = shares @ (np.arange(STRIDE) / STRIDE)
+    out = shares.sum(axis=-1) - behind
+    out[:, :, 1:] += behind[:, :, :-1]
+    means = drive.reshape(-1, STRIDE, *drive.shape[1:]).mean(axis=1)
+    return means, out.reshape(w, -1), early + behind[:, :, -1]
 
 
 def _split(state: Array) -> tuple[Array, Array]:
@@ -73,8 +136,8 @@ def _split(state: Array) -> tuple[Array, Array]:
     return np.concatenate([state[:3], state[6:9]]), np.concatenate([state[3:6], state[9:]])
 
 
-def _stepper(lanes: Lanes, lab: Lab) -> Callable[[Array, Array, Array], None]:
-    """Return a function that advances poses (6, p, w) and their rates by one step under the drives (p, 4, w)."""
+def _stepper(lanes: Lanes, lab: Lab, h: float) -> Callable[[Array, Array, Array], None]:
+    """Return a function that advances poses (6, p, w) and their rates by h (s) under the drives (p, 4, w)."""
     c = {name: values(lanes.theta)[:, i, None] for name, i in INDEX.items()}
     kx, ky, kz = (c[f"drag_{axis}_per_mass"] for axis in "xyz")
     w2 = c["attitude_frequency"] ** 2
@@ -87,7 +150,8 @@ def _stepper(lanes: Lanes, lab: Lab) -> Callable[[Array, Array, Array], None]:
     sideways = hub * lab.iyy_per_mass
     push_x, push_y, push_z = np.moveaxis(lanes.push, -1, 0)
     push_z = push_z - GRAVITY
-    h, mast = STEP_S, lab.mast
+    wind_x, wind_y = (0.0, 0.0) if lanes.wind is None else np.moveaxis(lanes.wind, -1, 0)
+    mast = lab.mast
     d_yaw, d_pitch, d_roll = h * yaw_damping, h * damp, h * damp_roll
     pitch_gain, roll_gain = w2 * c["pitch_gain"], w2 * c["roll_gain"]
     pitch_trim, roll_trim, yaw_trim = c["pitch_trim"], c["roll_trim"], c["yaw_trim"]
@@ -99,8 +163,9 @@ def _stepper(lanes: Lanes, lab: Lab) -> Callable[[Array, Array, Array], None]:
         # Near the floor: more thrust, less drag.
         share = ground * sixteenth / np.maximum(pose[2] + LOWER_HUB_M, 0.05) ** 2
         thrust, far = u[:, 2] / (1.0 - share), 1.0 - DAMPING_LOSS * share
-        # Velocity and drag in the yaw frame.
-        ax, ay = cy * vx + sy * vy, cy * vy - sy * vx
+        # Velocity against the air, and drag, in the yaw frame.
+        rx, ry = vx - wind_x, vy - wind_y
+        ax, ay = cy * rx + sy * ry, cy * ry - sy * rx
         fx, fy = far * kx, far * ky
         gx, gy = fx * ax, fy * ay
         # Angular velocity in the body frame.

@@ -1,35 +1,30 @@
 """The covariance of what the twin cannot predict in a window: gusts through drag and attitude, cameras, timing.
 
-Wind is an Ornstein-Uhlenbeck process on both axes of the room; it reaches position and attitude through drag, and
-through the drag's moment at the hubs. Small white accelerations stand for the timing of single commands. The cameras
-have white noise and a slow error of 5 s.
+A Kalman filter along each window whitens residuals and their derivatives; its state is what chance adds to the
+prediction. Wind is an Ornstein-Uhlenbeck process on both axes of the room; it moves the helicopter as the twin's
+equations say, linearised along the window. Small white accelerations stand for the timing of single commands. The
+cameras have white noise and a slow error of 5 s.
 
-    C = strength^2 G (K(T) x I) G' + sum of variances times known matrices
+    s' = T s + chance,   residual = Z s + white noise
 
-The variances and T are estimated by REML: maximum likelihood of what remains after the projection of each window's own
-first state, all channels together, by average-information Newton steps.
+The variances and the gust's time are estimated by REML: maximum likelihood of what remains after the projection of each
+window's own first state, by Newton steps with Fisher's information.
 
-Sources: Patterson and Thompson, Biometrika 58 (1971); Gilmour, Thompson and Cullis, Biometrics 51 (1995).
+Sources: Patterson and Thompson, Biometrika 58 (1971) (REML); Harvey, Forecasting, Structural Time Series Models and the
+Kalman Filter (1989), chapter 3.4 (likelihood and information from innovations).
 """
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import lapack as _lapack
 
-from controllers.model import GRAVITY
 from controllers.signals import Array
 from heli_twin.calibration.data import BIN_STEPS, STEP_S
-from heli_twin.calibration.parameters import INDEX, values
+from heli_twin.calibration.motion import Transitions
 
 BIN_S = BIN_STEPS * STEP_S
 SLOW_TIME_S = 5.0
 """In which the slow error of the cameras changes: taken as known."""
-SUBSTEPS = 4
-PLANE = (0, 1, 4, 5)
-"""Channels that the wind reaches: x y pitch roll."""
 COMPONENTS = (
     "gust_strength",
     "gust_time",
@@ -45,265 +40,117 @@ COMPONENTS = (
 PRIOR = np.array([0.2, 0.7, 0.5, 0.0005, 0.0003, 0.005, 0.1, 2.0, 0.005])
 PRIOR_SPREAD = np.array([1.5, 0.5, 2.0, 0.7, 0.7, 0.7, 2.0, 2.0, 0.7])
 """Standard deviation of the prior of each logarithm."""
-lapack: Any = _lapack
-"""Its functions carry no types."""
-CHUNK = 16
-"""Windows whose matrices are in memory at the same time."""
-
-
-class Weighted(NamedTuple):
-    """A chunk of windows with the inverse of their covariance."""
-
-    windows: slice
-    plane: Array
-    """(w, 4 bins, 4 bins) inverse covariance of x y pitch roll."""
-    z: Array
-    """(w, bins, bins)."""
-    yaw: Array
-    log_det: Array
-    """(w,) logarithm of the determinant of C."""
-    parts: tuple["Part", ...]
-
-
-class Part(NamedTuple):
-    """The derivative of C by the logarithm of a component."""
-
-    block: str
-    matrix: Array
-    """(w, n, n), or (w, n) for a diagonal."""
-
-
-def _dot(part: Part, vectors: Array) -> Array:
-    """Derivative of C times vectors (w, n, c)."""
-    return part.matrix[..., None] * vectors if part.matrix.ndim == 2 else part.matrix @ vectors
-
-
-def wind_response(theta: Array, yaw: Array) -> Array:
-    """Return the response of x y pitch roll of each bin to wind in each bin, (w, 4 bins, 2 bins).
-
-    Args:
-        theta: (n,) the fit's vector.
-        yaw: (w, bins) heading.
-    """
-    return _response(theta, yaw, is_wind=True)
-
-
-def torque_response(theta: Array, yaw: Array) -> Array:
-    """Return the response of x y pitch roll to angular accelerations of pitch and roll, (w, 4 bins, 2 bins)."""
-    return _response(theta, yaw, is_wind=False)
-
-
-def _response(theta: Array, yaw: Array, *, is_wind: bool) -> Array:
-    c = dict(zip(INDEX, values(theta), strict=True))
-    kx, ky, hub = c["drag_x_per_mass"], c["drag_y_per_mass"], c["hub_drag_per_iyy"]
-    ratio, w2 = c["iyy_per_ixx"], c["attitude_frequency"] ** 2
-    damp = 2.0 * c["attitude_damping"] * c["attitude_frequency"]
-    (w, n), h = yaw.shape, BIN_S / SUBSTEPS
-    cos, sin = np.cos(yaw)[:, None, :], np.sin(yaw)[:, None, :]
-    out = np.zeros((w, 4, n, 2, n))
-    px, py, vx, vy, t, r, tt, rr = np.zeros((8, w, 2, n))
-    for k in range(n):
-        live = slice(0, k + 1)
-        force = np.zeros((2, 2, k + 1))
-        force[0, 0, k] = force[1, 1, k] = 1.0
-        cy, sy = cos[:, :, k, None], sin[:, :, k, None]
-        P, Q, VX, VY, T, R, TT, RR = (s[:, :, live] for s in (px, py, vx, vy, t, r, tt, rr))
-        for _ in range(SUBSTEPS):
-            ux, uy = (VX - force[0], VY - force[1]) if is_wind else (VX, VY)
-            ax, ay = cy * ux + sy * uy, cy * uy - sy * ux
-            jx, jy = (0.0, 0.0) if is_wind else (force[0], force[1])
-            TT += h * (jx - w2 * T - damp * TT - hub * kx * ax)
-            RR += h * (jy - ratio * w2 * R - np.sqrt(ratio) * damp * RR + ratio * hub * ky * ay)
-            fx, fy = GRAVITY * T - kx * ax, -GRAVITY * R - ky * ay
-            VX += h * (cy * fx - sy * fy)
-            VY += h * (sy * fx + cy * fy)
-            for i, (state, speed) in enumerate(((P, VX), (Q, VY), (T, TT), (R, RR))):
-                state += h * speed
-                out[:, i, k, :, live] += state / SUBSTEPS
-    return out.reshape(w, 4 * n, 2 * n)
-
-
-def _integrators(damping: float, n: int) -> Array:
-    """Response (n, n) of an angle or a height to an acceleration in each bin."""
-    since = BIN_S * np.maximum(np.arange(n)[:, None] - np.arange(n)[None, :] + 0.5, 0.0)
-    if damping < 1e-6:
-        return BIN_S * since
-    return BIN_S * (1.0 - np.exp(-damping * since)) / damping
-
-
-def _lags(n: int) -> Array:
-    """Times (n, n) between bins, s."""
-    return BIN_S * np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+FIRST_WIND = 3.0
+"""Standard deviation of the wind at a window's start, m/s: as good as unknown. What the controller did about it before
+the window shows in the first commands, so that it is no chance in the window."""
+POSE, RATE, WIND, SLOW = slice(0, 6), slice(6, 12), slice(12, 14), slice(14, 17)
+N = 17
+SLOPE_STEP, LONGEST_STEP = 1e-3, 0.7
+"""Of the logarithm of a component: for a slope, and from one step to the next."""
 
 
 class Windage(NamedTuple):
-    """The parts of each window's covariance, which changes slowly with the parameters."""
+    """What chance does in each window, which changes slowly with the parameters."""
 
-    wind: Array
-    torque: Array
-    z: Array
-    yaw: Array
+    transitions: Transitions
     frames: Array
     """(w, bins) poses in each bin."""
 
 
-def windage(theta: Array, yaw: Array, frames: Array) -> Windage:
-    """Return the responses to everything random."""
-    torque = torque_response(theta, yaw)
-    damping, n = float(values(theta)[INDEX["yaw_damping_per_izz"]]), frames.shape[1]
-    z, turn = _integrators(0.0, n), _integrators(damping, n)
-    return Windage(wind_response(theta, yaw), torque @ torque.transpose(0, 2, 1), z @ z.T, turn @ turn.T, frames)
-
-
-def weighted(air: Windage, eta: Array, *, with_parts: bool) -> Iterator[Weighted]:
-    """Yield the inverse covariances, some windows at a time.
+def whiten(air: Windage, eta: Array, rows: Array) -> tuple[Array, Array]:
+    """Make residuals and derivatives independent of those before them.
 
     Args:
         air: The responses.
         eta: (9,) logarithms of `COMPONENTS`.
-        with_parts: Whether to make the derivatives too.
+        rows: (w, bins, 6, c), 0 where there is no pose.
+
+    Returns:
+        The rows, whitened, and the roots (w, bins, 6, 6) of the innovations' covariances.
     """
-    for begin in range(0, len(air.frames), CHUNK):
-        yield _chunk(air, eta, slice(begin, begin + CHUNK), with_parts)
+    s, t = np.exp(2.0 * eta), air.transitions
+    w, bins, _, c = rows.shape
+    transition, seen = np.zeros((w, N, N)), np.zeros((w, 6, N))
+    transition[:, WIND, WIND] = np.exp(-BIN_S / np.exp(eta[1])) * np.eye(2)
+    transition[:, SLOW, SLOW] = np.exp(-BIN_S / SLOW_TIME_S) * np.eye(3)
+    chance, begin = _chance(eta)
+    # Columns of the rows, and of the state's covariance, share a solution.
+    covariance = np.broadcast_to(np.diag(begin), (w, N, N)).copy()
+    state, out, roots = np.zeros((w, N, c)), np.zeros_like(rows), np.zeros((w, bins, 6, 6))
+    white = np.array([s[4], s[4], s[4], s[8], s[5], s[5]])
+    for k in range(bins):
+        is_seen = air.frames[:, k] > 0
+        seen[:, :, :12], seen[:, :, WIND] = t.pose[:, k], t.pose_by_wind[:, k]
+        seen[:, :3, SLOW] = np.eye(3)
+        seen *= is_seen[:, None, None]
+        noise = np.where(is_seen[:, None], white / np.maximum(air.frames[:, k], 1.0)[:, None], 1.0)
+        at_poses = seen @ covariance
+        innovation = at_poses @ seen.transpose(0, 2, 1)
+        innovation[:, range(6), range(6)] += noise
+        roots[:, k] = np.linalg.cholesky(innovation)
+        solved = np.linalg.solve(roots[:, k], np.concatenate([rows[:, k] - seen @ state, at_poses], axis=2))
+        out[:, k], gain = solved[..., :c], solved[..., c:]
+        transition[:, :12, :12], transition[:, :12, WIND] = t.state[:, k], t.state_by_wind[:, k]
+        back = gain.transpose(0, 2, 1)
+        state = transition @ (state + back @ out[:, k])
+        covariance = transition @ (covariance - back @ gain) @ transition.transpose(0, 2, 1) + chance
+        seen[:, :, SLOW] = 0.0
+    return out, roots
 
 
-def _chunk(air: Windage, eta: Array, windows: slice, with_parts: bool) -> Weighted:
+def _chance(eta: Array) -> tuple[Array, Array]:
+    """Covariance (N, N) of what each bin adds, and variances (N,) at the start of a window."""
     s = np.exp(2.0 * eta)
-    wind, frames = air.wind[windows], air.frames[windows]
-    w, n = frames.shape
-    present, fading = frames > 0, np.exp(-_lags(n) / SLOW_TIME_S)
-    many = np.where(present, frames, 1.0)
-    keep = np.concatenate([present] * 4, axis=1)
-    gust = s[0] * _gust(wind, np.exp(eta[1])) * _outer(keep)
-    torque = s[2] * air.torque[windows] * _outer(keep)
-    slow = np.zeros((w, 4 * n, 4 * n))
-    slow[:, :n, :n] = slow[:, n : 2 * n, n : 2 * n] = s[3] * fading * _outer(present)
-    zero, white = np.zeros((w, n)), np.where(present, 1.0 / many, 0.0)
-    place = np.concatenate([s[4] * white, s[4] * white, zero, zero], axis=1)
-    angle = np.concatenate([zero, zero, s[5] * white, s[5] * white], axis=1)
-    plane = gust + torque + slow
-    _add_diagonal(plane, np.where(keep, place + angle, 1.0))
-    z_jitter = s[6] * air.z * _outer(present)
-    z_slow = s[3] * fading * _outer(present)
-    z = z_jitter + z_slow
-    _add_diagonal(z, np.where(present, s[4] * white, 1.0))
-    yaw_jitter = s[7] * air.yaw * _outer(present)
-    yaw = yaw_jitter.copy()
-    _add_diagonal(yaw, np.where(present, s[8] * white, 1.0))
-    parts: tuple[Part, ...] = ()
-    if with_parts:
-        longer = s[0] * _gust(wind, np.exp(eta[1]) * 1.01) * _outer(keep)
-        parts = (
-            Part("plane", 2.0 * gust),
-            Part("plane", (longer - gust) / np.log(1.01)),
-            Part("plane", 2.0 * torque),
-            Part("plane", 2.0 * slow),
-            Part("z", 2.0 * z_slow),
-            Part("plane", 2.0 * place),
-            Part("z", 2.0 * s[4] * white),
-            Part("plane", 2.0 * angle),
-            Part("z", 2.0 * z_jitter),
-            Part("yaw", 2.0 * yaw_jitter),
-            Part("yaw", 2.0 * s[8] * white),
-        )
-    (plane, plane_det), (z, z_det), (yaw, yaw_det) = map(_inverse, (plane, z, yaw))
-    return Weighted(windows, plane, z, yaw, plane_det + z_det + yaw_det, parts)
+    chance, begin = np.zeros((N, N)), np.zeros(N)
+    for i, variance in {2: s[6], 3: s[7], 4: s[2], 5: s[2]}.items():
+        # A white acceleration that is constant in the bin.
+        effect = np.array([0.5 * BIN_S**2, BIN_S])
+        chance[np.ix_([i, 6 + i], [i, 6 + i])] = variance * np.outer(effect, effect)
+    chance[WIND, WIND] = s[0] * (1.0 - np.exp(-2.0 * BIN_S / np.exp(eta[1]))) * np.eye(2)
+    chance[SLOW, SLOW] = s[3] * (1.0 - np.exp(-2.0 * BIN_S / SLOW_TIME_S)) * np.eye(3)
+    begin[WIND], begin[SLOW] = FIRST_WIND**2, s[3]
+    return chance, begin
 
 
-PART_OF = (0, 1, 2, 3, 3, 4, 4, 5, 6, 7, 8)
-"""The component of each part."""
+def next_variances(air: Windage, eta: Array, residual: Array, first: Array) -> tuple[Array, Array]:
+    """Return the variances after one REML step, and the covariance of their logarithms.
+
+    Args:
+        air: The responses.
+        eta: (9,) logarithms of `COMPONENTS`.
+        residual: (w, bins, 6) poses minus prediction, 0 where there is no pose.
+        first: (w, bins, 6, 12) derivative of the prediction by each window's first state.
+    """
+    rows = np.concatenate([first, residual[..., None]], axis=-1)
+    here = _Restricted(*whiten(air, eta, rows))
+    started = here.rows[..., -1] - np.einsum("wbic,wc->wbi", here.rows[..., :-1], here.start)
+    score, changes = np.zeros(len(eta)), []
+    for i, each in enumerate(np.eye(len(eta))):
+        there = _Restricted(*whiten(air, eta + SLOPE_STEP * each, rows))
+        score[i] = (there.likelihood - here.likelihood) / SLOPE_STEP
+        # Change of the innovations' covariance and of the innovations, both whitened: Fisher's information.
+        scale = np.linalg.solve(here.roots, there.roots)
+        moved = there.rows[..., -1] - np.einsum("wbic,wc->wbi", there.rows[..., :-1], here.start)
+        by_mean = (scale @ moved[..., None])[..., 0] - started
+        by_root = scale - np.eye(6)
+        spread = by_root + by_root.transpose(0, 1, 3, 2)
+        changes.append(np.concatenate([spread.ravel() / np.sqrt(2.0), by_mean.ravel()]) / SLOPE_STEP)
+    change, prior = np.stack(changes), np.diag(PRIOR_SPREAD**-2.0)
+    covariance = np.asarray(np.linalg.inv(change @ change.T + prior), np.float64)
+    step = covariance @ (score - prior @ (eta - np.log(PRIOR)))
+    return eta + np.clip(step, -LONGEST_STEP, LONGEST_STEP), covariance
 
 
-def _gust(wind: Array, time: float) -> Array:
-    n = wind.shape[-1] // 2
-    correlation = np.exp(-_lags(n) / time)
-    north, west = wind[:, :, :n], wind[:, :, n:]
-    return north @ correlation @ north.transpose(0, 2, 1) + west @ correlation @ west.transpose(0, 2, 1)
+class _Restricted:
+    """The restricted likelihood of whitened derivatives by the first state, and of the residual behind them."""
 
-
-def _outer(keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return keep[:, :, None] & keep[:, None, :]
-
-
-def _add_diagonal(matrices: Array, diagonal: Array) -> None:
-    i = np.arange(matrices.shape[-1])
-    matrices[:, i, i] += diagonal
-
-
-def _inverse(matrices: Array) -> tuple[Array, Array]:
-    """Inverse and logarithm of the determinant of symmetric positive matrices (w, n, n)."""
-    out, det = np.empty_like(matrices), np.empty(len(matrices))
-    for i, matrix in enumerate(matrices):
-        factor, bad = lapack.dpotrf(matrix, lower=1)
-        if bad:
-            raise np.linalg.LinAlgError("the covariance of a window is not positive")
-        det[i] = 2.0 * np.log(np.diag(factor)).sum()
-        inverse, _ = lapack.dpotri(factor, lower=1)
-        lower = np.tril(inverse)
-        out[i] = lower + np.tril(inverse, -1).T
-    return out, det
-
-
-def blocks(weights: Weighted, rows: Array) -> dict[str, tuple[Array, Array]]:
-    """The inverse covariance and the rows (w, n, c) of each block, of rows (w, bins, 6, c)."""
-    part = rows[weights.windows]
-    w, n, _, c = part.shape
-    plane = np.moveaxis(part[:, :, PLANE], 2, 1).reshape(w, 4 * n, c)
-    return {
-        "plane": (weights.plane, plane),
-        "z": (weights.z, part[:, :, 2]),
-        "yaw": (weights.yaw, part[:, :, 3]),
-    }
-
-
-class Reml:
-    """One average-information step of the variances, gathered over the chunks of windows."""
-
-    def __init__(self) -> None:
-        n = len(COMPONENTS)
-        self._score, self._information, self.likelihood = np.zeros(n), np.zeros((n, n)), 0.0
-
-    def add(self, weights: Weighted, residual: dict[str, Array], nuisance: dict[str, Array], m: Array) -> None:
-        """Add a chunk.
-
-        Args:
-            weights: With its parts.
-            residual: (w, n, 1) poses minus prediction of each block, 0 where there is no pose.
-            nuisance: (w, n, 12) derivative of the prediction by each window's first state.
-            m: (w, 12, 12) nuisance' C^-1 nuisance, all blocks together.
-        """
-        inverse = {"plane": weights.plane, "z": weights.z, "yaw": weights.yaw}
-        cx = {name: inverse[name] @ x for name, x in nuisance.items()}
-        cr = {name: inverse[name] @ r for name, r in residual.items()}
-        m_inverse = np.linalg.inv(m)
-        beta = m_inverse @ sum(cx[name].transpose(0, 2, 1) @ r for name, r in residual.items())
-        u = {name: cr[name] - cx[name] @ beta for name in cx}
-        quadratic = sum((residual[name] * u[name]).sum(axis=(1, 2)) for name in cx)
-        self.likelihood -= 0.5 * float((weights.log_det + np.linalg.slogdet(m)[1] + quadratic).sum())
-        bu = [_dot(part, u[part.block]) for part in weights.parts]
-        projected: list[dict[str, Array]] = []
-        for part, v in zip(weights.parts, bu, strict=True):
-            through = m_inverse @ (cx[part.block].transpose(0, 2, 1) @ v)
-            rows = {name: -(cx[name] @ through) for name in cx}
-            rows[part.block] += inverse[part.block] @ v
-            projected.append(rows)
-        for i, part in enumerate(weights.parts):
-            through = cx[part.block].transpose(0, 2, 1) @ _dot(part, cx[part.block])
-            trace = _trace(inverse[part.block], part.matrix) - np.einsum("wij,wji->", m_inverse, through)
-            self._score[PART_OF[i]] += 0.5 * (np.vdot(u[part.block], bu[i]) - trace)
-            for j, other in enumerate(weights.parts):
-                self._information[PART_OF[i], PART_OF[j]] += 0.5 * np.vdot(projected[i][other.block], bu[j])
-
-    def step(self, eta: Array) -> tuple[Array, Array]:
-        """Return the next eta and its covariance."""
-        prior = np.diag(PRIOR_SPREAD**-2.0)
-        covariance = np.asarray(np.linalg.inv(0.5 * (self._information + self._information.T) + prior), np.float64)
-        step = covariance @ (self._score - prior @ (eta - np.log(PRIOR)))
-        return eta + np.clip(step, -0.7, 0.7), covariance
-
-
-def _trace(inverse: Array, matrix: Array) -> float:
-    """Trace of products of symmetric matrices; (w, n) is a diagonal."""
-    if matrix.ndim == 2:
-        return float((np.diagonal(inverse, axis1=1, axis2=2) * matrix).sum())
-    return float(np.vdot(inverse, matrix))
+    def __init__(self, rows: Array, roots: Array) -> None:
+        self.rows, self.roots = rows, roots
+        flat = rows.reshape(len(rows), -1, rows.shape[-1])
+        gram = flat.transpose(0, 2, 1) @ flat
+        of_first = gram[:, :-1, :-1] + 1e-9 * np.eye(gram.shape[-1] - 1)
+        self.start = np.linalg.solve(of_first, gram[:, :-1, -1:])[..., 0]
+        """(w, 12) first states."""
+        quadratic = gram[:, -1, -1] - (gram[:, -1, :-1] * self.start).sum(axis=1)
+        log_det = 2.0 * np.log(np.diagonal(roots, axis1=2, axis2=3)).sum()
+        self.likelihood = -0.5 * float(log_det + np.linalg.slogdet(of_first)[1].sum() + quadratic.sum())

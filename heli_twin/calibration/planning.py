@@ -8,7 +8,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from controllers.signals import Array
-from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, TOLD, hold
 from heli_twin.calibration.data import Flight
 from heli_twin.calibration.equations import normal
@@ -39,10 +38,10 @@ def information(flight: Flight, base: Experiment) -> Array:
     theta, spread = vector(np.array([believed[name] for name in NAMES])), SPREAD.copy()
     problem = Problem([flight], lab_of(base), theta, spread)
     start = problem.initial()
-    state = State(theta, start.nuisance, start.start, start.eta, start.framed)
+    state = State(theta, start.nuisance, start.start, start.eta, start.framed, start.servo)
     with threadpool_limits(limits=1):
         predicted, jacobian, first = problem.linearise(state)
-        air = noise.windage(theta, problem.yaw, problem.frames)
+        air = problem.windage(state)
         rows = np.concatenate([jacobian, problem.residual(predicted)[..., None], first], axis=-1)
         equations = normal(problem, air, state.eta, rows)
     own = equations.matrix[N_THETA:, N_THETA:] + np.diag(LOG_SPREAD**-2.0)

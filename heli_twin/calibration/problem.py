@@ -10,7 +10,7 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.data import Flight
 from heli_twin.calibration.drive import drives_of
-from heli_twin.calibration.motion import Lanes, simulate
+from heli_twin.calibration.motion import Lanes, simulate, transitions
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
 
 OF_A_LOG = (
@@ -77,6 +77,17 @@ class State(NamedTuple):
     framed: tuple[float | None, ...]
     """For each log when the input of one of the radio's frames acts, to which `frame_phase` is added; None if the wait
     for a frame is taken as its mean."""
+    servo: tuple[float, ...]
+    """For each log when a period of the servos begins after such an input, s."""
+
+
+class Later(NamedTuple):
+    """How much later something happens at the helicopter than in a state, s."""
+
+    frames: float = 0.0
+    """Of the radio; the servos with them."""
+    servo: float = 0.0
+    """Periods of the servos."""
 
 
 class Problem:
@@ -92,8 +103,6 @@ class Problem:
         self.start = np.concatenate([w.start for w in windows])
         self.log_of: NDArray[np.int64] = np.repeat(np.arange(len(flights)), [len(w.first) for w in windows])
         self.present = self.frames > 0
-        # Headings between poses, for the covariance alone.
-        self.yaw = np.stack([_filled(y[:, 3], seen) for y, seen in zip(self.y, self.present, strict=True)])
 
     def initial(self) -> State:
         """The prior's helicopter, with the first states that the poses suggest."""
@@ -104,6 +113,7 @@ class Problem:
             self.start.copy(),
             np.log(noise.PRIOR),
             (None,) * len(self.flights),
+            (0.0,) * len(self.flights),
         )
 
     @staticmethod
@@ -116,7 +126,7 @@ class Problem:
 
     def predict(self, state: State) -> Array:
         """Poses (w, bins, 6) that a state predicts."""
-        return self.measured(self.simulated(state, state.theta[None], [0.0])[0], state)
+        return self.measured(self.simulated(state, state.theta[None], [Later()])[0], state)
 
     def linearise(self, state: State) -> tuple[Array, Array, Array]:
         """Predicted poses (w, bins, 6), and their derivatives by theta and a log's nuisance, and by the first state."""
@@ -124,7 +134,7 @@ class Problem:
         free = np.flatnonzero(self.spread > FIXED)
         n, m = 1 + len(free), 1 + len(free) + N_START - 3
         variants = state.theta + np.vstack([np.zeros(N_THETA), np.diag(steps)[free], np.zeros(N_THETA)])
-        out = self.simulated(state, variants, [0.0] * n + [PHASE_STEP], START_STEP)
+        out = self.simulated(state, variants, [Later()] * n + [Later(PHASE_STEP)], START_STEP)
         by_phase = (out[n] - out[0]) / PHASE_STEP
         out = np.delete(out, n, axis=0)
         by_theta = np.zeros((N_THETA, *out.shape[1:]))
@@ -153,6 +163,13 @@ class Problem:
         jacobian = np.concatenate([jacobian[..., :N_THETA], of_log], axis=-1) * seen
         return self.measured(h, state), jacobian, first * seen
 
+    def windage(self, state: State) -> noise.Windage:
+        """Return what chance does along the windows of a state."""
+        drive = self._drives(state, state.theta[None], [Later()])
+        push = state.nuisance[self.log_of][None, :, PUSH]
+        lanes = Lanes(state.theta[None], state.start[None], push, drive, np.zeros(1, np.int64))
+        return noise.Windage(transitions(lanes, self.weights, self.early, self.lab), self.frames)
+
     def residual(self, predicted: Array) -> Array:
         """Poses minus prediction; 0 where there is no pose."""
         return (self.y - predicted) * self.present[..., None]
@@ -165,9 +182,9 @@ class Problem:
         return out
 
     def simulated(
-        self, state: State, variants: Array, later: Sequence[float], start_steps: Array | None = None
+        self, state: State, variants: Array, later: Sequence[Later], start_steps: Array | None = None
     ) -> Array:
-        """Return simulated poses (p, w, bins, 6) of variants (p, n), with `later` frames (p,), s.
+        """Return simulated poses (p, w, bins, 6) of variants (p, n) with frames and servos `later` (p,).
 
         With `start_steps` (12,) the first state is varied too, and after it the push; the variants are then the nominal
         vector, one for each free parameter, and one with later frames.
@@ -194,7 +211,7 @@ class Problem:
                 push[p + N_START - 3 + i, :, i] += PUSH_STEP
         return simulate(Lanes(variants, start, push, drive, which), self.weights, self.early, self.lab)
 
-    def _drives(self, state: State, variants: Sequence[Array], later: Sequence[float]) -> Array:
+    def _drives(self, state: State, variants: Sequence[Array], later: Sequence[Later]) -> Array:
         steps = self.weights.shape[1] - 1
         out = np.empty((steps, len(variants), 4, len(self.log_of)))
         at = 0
@@ -203,8 +220,9 @@ class Problem:
             count = rows.shape[1]
             late = [theta + state.nuisance[i, LATE] * (np.arange(N_THETA) == INDEX["delay"]) for theta in variants]
             framed = state.framed[i]
-            phases = [None if framed is None else framed + state.nuisance[i, PHASE] + more for more in later]
-            for j, drive in enumerate(drives_of(flight, late, phases)):
+            phases = [None if framed is None else framed + state.nuisance[i, PHASE] + more.frames for more in later]
+            servo = [state.servo[i] + more.servo for more in later]
+            for j, drive in enumerate(drives_of(flight, late, phases, servo)):
                 for k, channel in enumerate(drive):
                     out[:, j, k, at : at + count] = channel[rows]
             at += count
@@ -214,12 +232,6 @@ class Problem:
 def _firsts(which: NDArray[np.int64]) -> list[int]:
     """The first variant that uses each drive."""
     return [int(np.argmax(which == drive)) for drive in range(int(which.max()) + 1)]
-
-
-def _filled(values: Array, seen: NDArray[np.bool_]) -> Array:
-    """Values (n,) with straight lines where they are not seen."""
-    i = np.arange(len(values))
-    return np.interp(i, i[seen], values[seen])
 
 
 def _by_tilt(h: Array) -> Array:

@@ -48,25 +48,8 @@ class Structure(NamedTuple):
 
 def whitened(fit: Fit) -> Array:
     """Return the residuals (w, BINS, 6), each made independent of those before it; NaN where there is no pose."""
-    problem = fit.problem
-    out = np.full_like(fit.residual, np.nan)
-    rows = fit.residual[..., None]
-    for weights in noise.weighted(fit.air, fit.state.eta, with_parts=False):
-        k = weights.windows
-        for name, (inverse, part) in noise.blocks(weights, rows).items():
-            channels = {"plane": noise.PLANE, "z": (2,), "yaw": (3,)}[name]
-            n = len(channels)
-            order = np.arange(n * BINS).reshape(n, BINS).T.ravel()
-            white = _white(inverse[:, order][:, :, order], part[:, order, 0])
-            out[k][:, :, channels] = white.reshape(-1, BINS, n)
-    out[~problem.present] = np.nan
-    return out
-
-
-def _white(inverse: Array, rows: Array) -> Array:
-    """U rows with U lower triangular and U' U the inverse covariance."""
-    factor = np.linalg.cholesky(np.ascontiguousarray(inverse[:, ::-1, ::-1]))
-    return (factor.transpose(0, 2, 1) @ rows[:, ::-1, None])[:, ::-1, 0]
+    white, _ = noise.whiten(fit.air, fit.state.eta, fit.residual[..., None])
+    return np.where(fit.problem.present[..., None], white[..., 0], np.nan)
 
 
 def structure(fit: Fit) -> Structure:

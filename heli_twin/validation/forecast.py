@@ -16,11 +16,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from controllers.signals import Array
-from heli_twin.calibration import noise
 from heli_twin.calibration.data import BIN_STEPS, STEP_S, Cut, Flight
 from heli_twin.calibration.fit import Fit, fit
-from heli_twin.calibration.frames import framed
+from heli_twin.calibration.frames import framed, timed
+from heli_twin.calibration.parameters import INDEX
 from heli_twin.calibration.problem import FIXED, N_LOG, Problem, State
+from heli_twin.validation.covariance import PLANE, weighted, windage
+from heli_twin.validation.covariance import blocks as in_blocks
 from heli_twin.validation.twins import Twin
 
 BIN_S = BIN_STEPS * STEP_S
@@ -65,9 +67,12 @@ def held_fit(flight: Flight, twin: Twin) -> Fit:
         twin: Whose parameters are held.
     """
     problem = Problem([flight], twin.lab, twin.theta, np.full(len(twin.theta), HELD))
-    begin = State(twin.theta.copy(), np.zeros((1, N_LOG)), problem.start.copy(), twin.eta.copy(), (None,))
+    begin = State(twin.theta.copy(), np.zeros((1, N_LOG)), problem.start.copy(), twin.eta.copy(), (None,), (0.0,))
     blind = fit(problem, begin, limit=1)
-    return fit(problem, framed(problem, blind), limit=3)
+    begin = framed(problem, blind)
+    if twin.theta[INDEX["servo_slowness"]] > 0.0:
+        begin, _ = timed(problem, blind, begin)
+    return fit(problem, begin, limit=3)
 
 
 def forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
@@ -84,7 +89,7 @@ def forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
 
 def _forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
     problem = Problem([pieces], twin.lab, twin.theta, np.full(len(twin.theta), HELD))
-    state = State(twin.theta, held.state.nuisance, problem.start.copy(), twin.eta, held.state.framed)
+    state = State(twin.theta, held.state.nuisance, problem.start.copy(), twin.eta, held.state.framed, held.state.servo)
     predicted, _, by_start = problem.linearise(state)
     windows = list(_windows(problem, twin, by_start))
     # The start is nearly linear in the poses: one step to it here, and the rest in the mean.
@@ -151,9 +156,9 @@ def _history(residual: Array, channels: tuple[int, ...]) -> Array:
 
 def _windows(problem: Problem, twin: Twin, by_start: Array) -> Iterator[_Window]:
     """Yield each window, from the derivatives (w, bins, 6, 12) of its poses by its start."""
-    air = noise.windage(twin.theta, problem.yaw, problem.frames)
-    for weights in noise.weighted(air, twin.eta, with_parts=False):
-        blocks = noise.blocks(weights, by_start)
+    yaw = np.stack([_filled(y[:, 3], seen) for y, seen in zip(problem.y, problem.present, strict=True)])
+    for weights in weighted(windage(twin.theta, yaw, problem.frames), twin.eta):
+        blocks = in_blocks(weights, by_start)
         for i in range(len(weights.log_det)):
             information, each = 1e-9 * np.eye(by_start.shape[-1]), list[_Block]()
             for name, channels in CHANNELS_OF.items():
@@ -164,8 +169,14 @@ def _windows(problem: Problem, twin: Twin, by_start: Array) -> Iterator[_Window]
             yield _Window(each, np.asarray(np.linalg.inv(information), np.float64))
 
 
-CHANNELS_OF: dict[str, tuple[int, ...]] = {"plane": noise.PLANE, "z": (2,), "yaw": (3,)}
-"""Channels of each block of `noise.blocks`."""
+def _filled(values: Array, seen: NDArray[np.bool_]) -> Array:
+    """Values (n,) with straight lines where they are not seen."""
+    i = np.arange(len(values))
+    return np.interp(i, i[seen], values[seen])
+
+
+CHANNELS_OF: dict[str, tuple[int, ...]] = {"plane": PLANE, "z": (2,), "yaw": (3,)}
+"""Channels of each block of `in_blocks`."""
 
 
 def _block(channels: tuple[int, ...], inverse: Array, by_start: Array) -> tuple[_Block, Array]:
