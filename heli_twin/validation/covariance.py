@@ -193,5 +193,3 @@ def blocks(weights: Weighted, rows: Array) -> dict[str, tuple[Array, Array]]:
         "z": (weights.z, part[:, :, 2]),
         "yaw": (weights.yaw, part[:, :, 3]),
     }
-
-
