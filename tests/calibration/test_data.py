@@ -8,7 +8,7 @@ import pytest
 
 from heli_twin.calibration.calibrate import CalibrationError, flights_of
 from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, WINDOW_STEPS, flight_of
-from heli_twin.calibration.drive import GRID_S, drives_of
+from heli_twin.calibration.drive import GRID_S, SERVO_PERIOD_S, drives_of
 from heli_twin.calibration.parameters import NAMES, lab_of, of_experiment, vector
 from heli_twin.experiment.text import load
 from heli_twin.mission import fly
@@ -65,19 +65,21 @@ def test_logs_that_cannot_be_used_are_refused_in_a_sentence(log):
 @pytest.mark.parametrize("phase_known", [True, False])
 def test_servos_with_play_move_as_in_the_twin(phase_known):
     there = load("calibrate_plane")
-    lab = load("lab", ["supervisor=off", "plant.effects.servo.deadband=0"])
+    certain = ["radio.loss=0", "compute.spread=0"] if phase_known else []
+    lab = load("lab", ["supervisor=off", "plant.effects.servo.deadband=0", *certain])
     log = fly(replace(lab, trajectory=there.trajectory, excitation=there.excitation, duration=6.0), log_dir=None).log
     flight = flight_of(log, "flight", lab_of(lab), None)
     phase = float(np.median(np.mod(1e-9 * log.acting.time[1:], 0.022))) + lab.plant.input_delay
     theta = vector(np.array([of_experiment(lab)[name] for name in NAMES]))
-    drive = drives_of(flight, [theta], [phase if phase_known else None])[0]
+    # The servos' periods begin with the flight, and reach the swashplate after the delay.
+    begin = np.mod(lab.plant.input_delay - phase, SERVO_PERIOD_S)
+    drive = drives_of(flight, [theta], [phase if phase_known else None], [begin])[0]
     step = log.truth.stamp // 1_000_000
     step = step[(step > 1000) & (step < flight.steps - 10)].astype(int)
     for i, modelled in enumerate((drive.pitch, drive.roll)):
         true = np.interp(step, log.truth.stamp / 1e6, log.truth.actuators[:, i])
         # A step's value is reached at its end.
         misses = [float(np.std(modelled[step - 1 + late] - true)) for late in range(-5, 6)]
-        # The servos move every 10 ms there, at times that are not known from outside.
-        assert not phase_known or abs(int(np.argmin(misses)) - 5) <= 2
-        assert min(misses) < (0.015 if phase_known else 0.04)
+        assert not phase_known or np.argmin(misses) == 5
+        assert min(misses) < (0.002 if phase_known else 0.04)
         assert np.polyfit(modelled[step - 1], true, 1)[0] == pytest.approx(1.0, abs=0.02)
