@@ -8,8 +8,9 @@ import pytest
 
 from controllers.rotations import rotate_to_world
 from heli_twin.calibration.calibrate import flights_of
-from heli_twin.calibration.checks import CalibrationError, check_form, check_recording
-from heli_twin.calibration.parameters import NAMES, of_experiment, vector
+from heli_twin.calibration.checks import CalibrationError, check_clock, check_form, check_recording, remarks
+from heli_twin.calibration.parameters import INDEX, NAMES, Lab, of_experiment, vector
+from heli_twin.calibration.problem import LEVER, N_LOG
 from heli_twin.calibration.structure import Structure
 from heli_twin.experiment.text import load
 from heli_twin.mission import fly
@@ -78,3 +79,32 @@ def test_a_wrong_form_is_named_with_its_channel():
     check_form(Structure(fine, fine, fine, curves))
     with pytest.raises(CalibrationError, match=r"wrong in pitch: .* past, 19.0 times .*load on a string"):
         check_form(Structure(fine | {"pitch": 19.0}, fine, fine, curves))
+
+
+def fitted(delay: float, lever=(0.0, 0.0, 0.0)):
+    """A fit with one log, as far as clock and markers go; 24 ms of delay were expected, 11 of them for a frame."""
+    theta, prior = np.zeros(len(NAMES)), np.zeros(len(NAMES))
+    theta[INDEX["delay"]], prior[INDEX["delay"]] = delay, 0.024
+    nuisance = np.zeros((1, N_LOG))
+    nuisance[0, LEVER] = lever
+    return SimpleNamespace(
+        state=SimpleNamespace(theta=theta, nuisance=nuisance),
+        deviation=np.full(len(NAMES), 0.0005),
+        nuisance_deviation=np.full((1, N_LOG), 0.0005),
+        problem=SimpleNamespace(prior=prior, lab=Lab(0.022, 682), flights=[SimpleNamespace(name="monday.mcap")]),
+    )
+
+
+def test_clocks_that_differ_are_named_with_their_difference():
+    check_clock(fitted(0.024))
+    check_clock(fitted(0.040))
+    with pytest.raises(CalibrationError, match=r"6 ms after .*stamped late.* move the commands by -30 ms"):
+        check_clock(fitted(-0.006))
+    with pytest.raises(CalibrationError, match=r"54 ms after .*stamped early.* radio.latency=0.035"):
+        check_clock(fitted(0.054))
+
+
+def test_markers_beside_the_centre_of_gravity_are_told():
+    assert not list(remarks(fitted(0.024, (0.001, 0.0, 0.002))))
+    (sentence,) = remarks(fitted(0.024, (0.01, 0.0, 0.02)))
+    assert "monday.mcap: the markers sit 1.0 cm ahead, 0.0 cm to port and 2.0 cm above" in sentence
