@@ -92,7 +92,7 @@ class _Servos:
     ) -> None:
         self._sent, self._phase = flight.sent, phases[0]
         self._least = float(variants[0][INDEX["delay"]]) + GRID_S - 0.5 * flight.sent.frame
-        self._edges = flight.origin + STEP_S * np.arange(flight.steps + 1)
+        self._edges: Array = flight.origin + STEP_S * np.arange(flight.steps + 1, dtype=np.float64)
         self._plays = list(dict.fromkeys(map(_play_of, variants)))
         self._paths = {begin: self._paths_of(begin) for begin in dict.fromkeys(begins)}
 

@@ -165,7 +165,7 @@ class Problem:
 
     def windage(self, state: State) -> noise.Windage:
         """Return what chance does along the windows of a state."""
-        drive = self._drives(state, state.theta[None], [Later()])
+        drive = self._drives(state, [state.theta], [Later()])
         push = state.nuisance[self.log_of][None, :, PUSH]
         lanes = Lanes(state.theta[None], state.start[None], push, drive, np.zeros(1, np.int64))
         return noise.Windage(transitions(lanes, self.weights, self.early, self.lab), self.frames)
