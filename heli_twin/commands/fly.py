@@ -14,6 +14,7 @@ from heli_twin.terminal_text import clean
 if TYPE_CHECKING:
     from heli_twin.experiment.envelope import Envelope
     from heli_twin.mission import Result
+    from heli_twin.requirements import Requirement, Verdict
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -70,11 +71,7 @@ def run(parsed: Namespace) -> int:
 
     source, overrides = experiment_arguments(parsed)
     experiment, envelope = load(source, overrides), envelope_in(source)
-    requirements = None
-    if parsed.require is not None:
-        from heli_twin.requirements import judge, requirements_of
-
-        requirements = requirements_of(parsed.require)
+    requirements = requirements_named(parsed.require)
     with progress_bar() as bar:
         task = bar.add_task("flying, s", total=experiment.duration)
         result = fly(
@@ -87,7 +84,7 @@ def run(parsed: Namespace) -> int:
     if envelope and source:
         warn_outside(source, envelope, result)
     summary = result.summary()
-    verdicts = judge(requirements, result.log) if requirements and result.outcome.kind != "invalid" else {}
+    verdicts = verdicts_on(requirements, result)
     if verdicts:
         summary["requirements"] = {name: verdict.plain() for name, verdict in verdicts.items()}
     if parsed.json:
@@ -98,6 +95,26 @@ def run(parsed: Namespace) -> int:
             show_verdicts(verdicts)
     broken = any(not verdict.holds for verdict in verdicts.values())
     return BROKEN if broken else exit_code(result)
+
+
+def requirements_named(source: str | None) -> "tuple[Requirement, ...]":
+    """Read the requirements before the flight, so that a mistake in them costs none."""
+    if source is None:
+        return ()
+    from heli_twin.requirements import requirements_of
+
+    return requirements_of(source)
+
+
+def verdicts_on(requirements: "tuple[Requirement, ...]", result: "Result") -> "dict[str, Verdict]":
+    """Judge a flight; an invalid run says nothing."""
+    from heli_twin.flight import INVALID
+
+    if not requirements or result.outcome.kind == INVALID:
+        return {}
+    from heli_twin.requirements import judge
+
+    return judge(requirements, result.log)
 
 
 def warn_outside(source: str, envelope: "Envelope", result: "Result") -> None:
