@@ -163,6 +163,11 @@ def words_of(line: str) -> tuple[list[str], Path | None]:
     return [word for some in named for word in some], target
 
 
+def expected(line: str) -> tuple[int, ...]:
+    """Exit codes of a command whose flight is too short to be any good."""
+    return (0, 1, 3) if "judge" in line or "--require" in line else (0, 1)
+
+
 @pytest.mark.usefixtures("_short")
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_do_what_they_say(page: str, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -181,7 +186,7 @@ def test_the_commands_of_a_page_do_what_they_say(page: str, place: Path, capsys:
                 code = main(words)
             except SystemExit as stop:
                 code = stop.code
-        assert code in (0, 1), f"{line}: {capsys.readouterr().err}"
+        assert code in expected(line), f"{line}: {capsys.readouterr().err}"
         if target:
             target.write_text(output.getvalue())
 
@@ -269,4 +274,4 @@ def test_slow_commands_of_a_page_run_too(page: str, tmp_path: Path) -> None:
         extra = next((words for start, words in shorter.items() if command.startswith(start)), [])
         words = " ".join([sys.executable, "-m", "heli_twin", command, *extra])
         done = subprocess.run(words, shell=True, cwd=place, capture_output=True, text=True, check=False)
-        assert done.returncode in (0, 1), f"{words}: {done.stderr[-500:]}"
+        assert done.returncode in expected(command), f"{words}: {done.stderr[-500:]}"
