@@ -19,6 +19,8 @@ from heli_twin.viewing.blueprint import TIMELINE
 HOST = "127.0.0.1"
 START_TIMEOUT_S = 20.0
 """Time that a viewer may take until it listens."""
+END_TIMEOUT_S = 2.0
+"""Time that a killed server may take until its ports are free."""
 DELIVERY_TIMEOUT_S = 60.0
 """Time that a viewer may take to receive a flight."""
 REDRAW_PAUSE_S = 0.7
@@ -118,6 +120,10 @@ def web_viewer(source: str, port: int) -> Generator[subprocess.Popen[bytes]]:
             if not all(_comes_up(process, number) for number in ports):
                 raise LogError(f"the web viewer did not start in {START_TIMEOUT_S:g} s: try again")
             yield process
+        # The process that waited for the server may end a moment before it.
+        deadline = time.monotonic() + END_TIMEOUT_S
+        while any(map(is_listening, ports)) and time.monotonic() < deadline:
+            time.sleep(0.02)
 
 
 def refuse_taken(port: int) -> None:
