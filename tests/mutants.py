@@ -82,6 +82,22 @@ hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstanda
 
 EQUIVALENT = {
     (
+        "heli_twin/lab/plant/airframe.py",
+        "if not SHORTEST_STEP_S < step <= LONGEST_STEP_S or abs(nanoseconds(step) - 1e9 * step) > 1e-3:",
+    ): "differs only for a step equal to the limit in all digits",
+    (
+        "controllers/reference.py",
+        "allowed = (values > low - 1e-9) & (values <= high + 1e-9)",
+    ): "differs only for a value equal to the limit in all digits",
+    (
+        "heli_twin/metrics/margins.py",
+        "kept = t >= t[-1] - records * probe.record + 1e-6",
+    ): "differs only for a time that is 1 us after a sample in all digits",
+    (
+        "heli_twin/identification/fit.py",
+        "if abs(step).max() < 1.5e-06:",
+    ): "the steps shrink a hundredfold each: another one changes the answer by less than a microsecond",
+    (
         "heli_twin/lab/plant/effects/payload.py",
         "body.mass, body.inertia, body.explicitinertial = self.mass, (1e-9, 1e-9, 1.5000000000000002e-09), True",
     ): "so small that it turns nothing",

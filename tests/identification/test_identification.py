@@ -4,6 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from controllers.model import Model, advance
 from controllers.trajectories.circle import Circle
@@ -11,7 +14,7 @@ from controllers.trajectories.doublets import Doublets
 from controllers.trajectories.hover import Hover
 from heli_twin.cli import main
 from heli_twin.experiment.text import load
-from heli_twin.identification.data import MAX_GAP_S, stretches
+from heli_twin.identification.data import MAX_GAP_S, angles_of, stretches
 from heli_twin.identification.figure import residual_figures
 from heli_twin.identification.fit import MEMORY_S, IdentificationError, half_widths
 from heli_twin.identification.flights import HEIGHT_AND_YAW_FLIGHTS, PLANE_FLIGHTS, experiments, fly_them
@@ -82,6 +85,12 @@ def test_a_quaternion_of_any_length_is_the_same_attitude(lean, length):
     # Leaning by 0.4 rad, cos(0.4) of the thrust lifts.
     level = next(stretches(flown(2, seconds=8.0), "level")).axes["z"].input(0.0, 0.0)
     np.testing.assert_allclose(one.axes["z"].input(0.0, 0.0), np.cos(0.4) * level, rtol=1e-9)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-1.4, 1.4), st.floats(-3.0, 3.0))
+def test_angles_of_an_attitude_are_yaw_pitch_and_roll(yaw, pitch, roll):
+    quat = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True)
+    np.testing.assert_allclose(angles_of(quat[None])[0], [yaw, pitch, roll], atol=1e-7)
 
 
 def test_a_tilt_pushes_in_proportion_to_the_thrust_over_its_mean():
