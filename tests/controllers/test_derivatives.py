@@ -14,6 +14,7 @@ from controllers.jets import Jet, arctan2, at_pace, sine_cosine
 from controllers.laws import extra_states, flat_derivatives
 from controllers.laws.pid import Pid
 from controllers.model import Model
+from controllers.pace import ride_clock, ride_duration
 from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import NamedState, Reference
 from controllers.trajectories import ALL_DERIVATIVES, derivatives, fitted, smoothness
@@ -137,3 +138,15 @@ def test_laws_of_before_read_no_derivatives_and_have_no_further_states() -> None
 def test_a_fitted_flight_is_as_smooth() -> None:
     spec: Any = fitted(FAMILY["waypoints"](), Model())
     assert replace(spec, effort=0.2).smoothness == 2
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.5, 3.0])
+def test_a_ride_stops_as_it_starts(ramp: float) -> None:
+    """Of length 3, with a ramp of 3 it never runs at full pace."""
+    end = ride_duration(3.0, ramp)
+    t = np.linspace(0.0, end, 41)
+    there, back = ride_clock(t, 3.0, ramp, 3).coefficients, ride_clock(end - t, 3.0, ramp, 3).coefficients
+    inside = slice(1, -1)
+    assert there[0] + back[0] == pytest.approx(3.0)
+    assert there[1][inside] == pytest.approx(back[1][inside])
+    assert there[2][inside] == pytest.approx(-back[2][inside], abs=1e-12)

@@ -476,3 +476,23 @@ def test_while_nobody_looks_the_disturbance_fades_to_its_mean():
     # From 0.1 s after the last pose on; control steps are 20 ms apart.
     fades = np.diff(blind[10:])
     np.testing.assert_allclose(fades[1:] / fades[:-1], exp(-0.02 / Kalman().gust_time), rtol=1e-6)
+
+
+def test_covariances_are_symmetric_and_say_what_the_estimate_says():
+    estimator = Kalman().start(MODEL)
+    for k in range(30):
+        estimator.receive(10 * k * MS, pose_of(AT_REST, 10 * k * MS))
+    now = 300 * MS
+    estimate = estimator.estimate(now)
+    covariance = estimator.covariance(estimate.stamp)
+    np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
+    np.testing.assert_array_equal(covariance.diagonal(axis1=1, axis2=2), estimate.variance)
+    assert (np.abs(covariance[:, 0, 1]) > 0.0).all()
+    assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+
+
+def test_after_one_pose_no_push_is_known():
+    estimator = Kalman().start(MODEL)
+    estimator.receive(0, pose_of(AT_REST))
+    for later in (0, 500 * MS, 5000 * MS):
+        np.testing.assert_array_equal(estimator.estimate(later).disturbance, 0.0)

@@ -506,3 +506,12 @@ def test_a_damaged_model_has_an_outcome_or_is_refused_in_one_sentence(first):
             assert text.isprintable(), seed
         else:
             assert result.outcome.kind in ("completed", "crashed", "left_volume", "diverged", "landed"), seed
+
+
+def test_three_violations_are_told_and_the_others_counted(tmp_path):
+    path = tmp_path / "wide.xml"
+    path.write_text(changed(('ctrlrange="-1 1"', 'ctrlrange="-2 2"'), ('ctrlrange="0 1"', 'ctrlrange="0 2"')))
+    with pytest.raises(HeliTwinError) as refused:
+        load("lab", [f"plant.model={path}"])
+    assert str(refused.value).count("the ctrlrange of") == 3
+    assert "; and 1 more" in str(refused.value)
