@@ -82,6 +82,18 @@ hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstanda
 
 EQUIVALENT = {
     (
+        "controllers/estimators/kalman.py",
+        "self._stamp, self._age = -1, 1",
+    ): "the first pose replaces both before they are read",
+    (
+        "controllers/line_process.py",
+        'command = (which("setpriv") and "setpriv", "--pdeathsig", "KILL", "--")',
+    ): "where it is on the path, its name finds it too",
+    (
+        "controllers/supervisors/safety.py",
+        "if float(plan.x[0, 2]) <= spec.floor + 0.003 and float(plan.x[0, 6]) < 0.01:",
+    ): "a plan that begins within 3 mm of the floor begins on it",
+    (
         "heli_twin/lab/plant/contract.py",
         "step = TRIAL_STICK if u[i] + TRIAL_STICK < high[i] else -TRIAL_STICK",
     ): "differs only for a stick equal to the limit in all digits, and both directions are as good",

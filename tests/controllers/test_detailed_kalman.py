@@ -4,6 +4,7 @@ import numpy as np
 
 from controllers.detailed_model import DetailedModel
 from controllers.estimators.detailed_kalman import DetailedKalman
+from controllers.signals import Pose
 
 MS = 1_000_000
 
@@ -46,3 +47,23 @@ def test_after_one_pose_each_axis_is_as_uncertain_as_its_measurement():
     np.testing.assert_array_equal(spread.plane[:, 0, 0], [estimator._R[0]] * 2)
     np.testing.assert_array_equal(spread.chains[:, 0, 0], estimator._R[2:])
     assert estimator._R[2] != estimator._R[3]
+
+
+def test_on_the_floor_it_stands_where_it_was_and_looks_where_it_did():
+    estimator = DetailedKalman(floor=0.05).start(DetailedModel())
+    for k in range(5):
+        quat = np.array([np.cos(0.2), 0.0, 0.0, np.sin(0.2)])
+        estimator.receive(10 * k * MS, Pose(10 * k * MS, np.array([0.3, -0.2, 0.051]), quat))
+    before = estimator._motion._replace(yaw=np.array([0.4, 2.0, *estimator._motion.yaw[2:]]))
+    moved = before._replace(
+        position=before.position + 0.1,
+        plane=before.plane + 0.3,
+        z=np.array([0.02, -0.5, *before.z[2:]]),
+        yaw=np.array([0.6, 3.0, *before.yaw[2:]]),
+    )
+    stands = estimator._on_the_floor(before, moved)
+    np.testing.assert_array_equal(stands.position, before.position)
+    assert stands.yaw[:2].tolist() == [0.4, 0.0]
+    assert stands.z[:2].tolist() == [before.z[0], 0.0]
+    # Velocity, acceleration and jerk of a gust's tilt are gone, what is believed of the air stays.
+    assert (np.count_nonzero(stands.plane == 0.0, axis=1) >= 3).all()

@@ -1,12 +1,13 @@
 """Where the helicopter was: by the truth, and by the cameras of a log that has none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from heli_twin import fly, load
-from heli_twin.metrics.motion import errors, motion, statistics
+from heli_twin.metrics.motion import errors, motion, outages, statistics
 from heli_twin.metrics.tracking import tracking_error
 
 
@@ -64,3 +65,10 @@ def test_statistics_are_those_of_the_magnitudes_between_two_times(flown):
             }
         )
     assert statistics(flown, 9.0) is None
+
+
+def test_a_gap_between_poses_of_a_tenth_of_a_second_is_an_outage_and_a_shorter_one_is_none():
+    stamp = np.concatenate([np.arange(0, 100), np.arange(110, 200), np.arange(207, 300)]) * 10_000_000
+    log = SimpleNamespace(pose=SimpleNamespace(stamp=stamp), ending=SimpleNamespace(time=3_000_000_000))
+    (gap,) = outages(log)
+    assert (gap.start, gap.end) == pytest.approx((0.99, 1.10))
