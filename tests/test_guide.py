@@ -21,7 +21,7 @@ import pytest
 from in_process import InProcess
 
 import heli_twin
-from heli_twin import mission
+from heli_twin import load, mission
 from heli_twin.cli import main
 from heli_twin.commands import command_line
 from heli_twin.experiment import Experiment, families
@@ -123,8 +123,12 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def files_in(folder: Path, duration: float) -> Path:
     """Make the files that the pages name, with flights of this duration, s."""
-    for number, name in enumerate(("RUN", "A", "B", "C")):
-        flown = mission.fly(Experiment(seed=number, duration=duration), log_dir=folder / "logs").path
+    flights = {name: Experiment(seed=number, duration=duration) for number, name in enumerate(("RUN", "A", "B", "C"))}
+    if duration == WHOLE_S:
+        # A pair that can be calibrated on.
+        flights |= {"A": load("calibrate_plane", ["seed=11"]), "B": load("calibrate_height_yaw", ["seed=12"])}
+    for name, experiment in flights.items():
+        flown = mission.fly(experiment, log_dir=folder / "logs").path
         assert flown is not None
         flown.rename(folder / f"{name}.mcap")
     shutil.copy(folder / "RUN.mcap", folder / "logs" / "RUN.mcap")
@@ -269,7 +273,8 @@ def test_slow_commands_of_a_page_run_too(page: str, tmp_path: Path) -> None:
     shorter |= {"tune": ["--budget", "1"]}
     for line in ours(page):
         command = line.removeprefix("heli-twin ")
-        if not command.startswith(SLOW) or re.search(r"--scheduler|--web|^replay (?!.*--save)", command):
+        is_needed = command.startswith(SLOW) or re.search(r"--log-dir|^study new", command)
+        if not is_needed or re.search(r"--scheduler|--web|^replay (?!.*--save)", command):
             continue
         extra = next((words for start, words in shorter.items() if command.startswith(start)), [])
         words = " ".join([sys.executable, "-m", "heli_twin", command, *extra])
