@@ -61,7 +61,7 @@ class Limits(NamedTuple):
 
 
 class Off(NamedTuple):
-    """How far the nominal flight is from the reference."""
+    """Deviation of the nominal flight from the reference."""
 
     x: Array
     """(N + 1, n) nominal states minus reference states."""

@@ -1,4 +1,4 @@
-"""How the planned path of the paper's model follows the inputs, in closed form.
+"""Response of the paper's model in the plane to its inputs, in closed form.
 
 With the coupling removed and Euler's rule, each body velocity answers its own input the same way along every nominal
 flight. Only the turn of the velocities into the world changes with the heading. Positions are sums of turned velocities

@@ -235,7 +235,7 @@ class KalmanFilter:
         return [*map(_predicted, self._P, self._transition(max(until - self._stamp, 0)))]
 
     def _transition_over(self, time: int) -> "list[Transition]":
-        """How `time` ns change the covariance of each axis."""
+        """Transition of the covariance of each axis over `time` ns."""
         dt, curve = 1e-9 * time, 0.5 * (1e-9 * time) ** 2
         return [
             (dt + curve * k, curve, 1.0 + dt * k + curve * k * k, dt + curve * k, dt * velocity_walk, dt * walk)

@@ -1,4 +1,4 @@
-"""What flights covered: the envelope in which a twin has been seen."""
+"""Envelope of the flights that a twin was fitted to: speed, height, tilt, sticks, duration."""
 
 from collections.abc import Sequence
 

@@ -26,7 +26,7 @@ LEAST_SHARE = 0.6
 
 
 class Cut(NamedTuple):
-    """How a flight is cut into windows."""
+    """Length and spacing of the windows of a flight."""
 
     steps: int = WINDOW_STEPS
     """Length of a window, a whole number of bins."""

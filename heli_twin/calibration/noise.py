@@ -50,7 +50,7 @@ SLOPE_STEP, LONGEST_STEP = 1e-3, 0.7
 
 
 class Windage(NamedTuple):
-    """What chance does in each window, which changes slowly with the parameters."""
+    """Covariance of gusts and cameras in each window; it changes slowly with the parameters."""
 
     transitions: Transitions
     frames: Array

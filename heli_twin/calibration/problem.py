@@ -82,7 +82,7 @@ class State(NamedTuple):
 
 
 class Later(NamedTuple):
-    """How much later something happens at the helicopter than in a state, s."""
+    """Delay, s, of an event at the helicopter against the state that shows it."""
 
     frames: float = 0.0
     """Of the radio; the servos with them."""

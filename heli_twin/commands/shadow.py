@@ -86,7 +86,7 @@ def run(parsed: Namespace) -> int:
 
 
 def _believed(words: list[str]) -> "Experiment":
-    """What a detailed law and estimator believe of a helicopter."""
+    """Believed parameters of the detailed law and estimator, from a calibration."""
     from heli_twin.experiment.text import load
 
     source = next((word for word in words if "=" not in word), "detailed")

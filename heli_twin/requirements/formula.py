@@ -13,6 +13,7 @@ Source: Donze and Maler, Robust satisfaction of temporal logic over real-valued 
 RTAMT, Nickovic and Yamaguchi, ATVA 2020.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -58,20 +59,20 @@ class Interval:
         return first, last
 
 
-class Formula:
+class Formula(ABC):
     """A formula; `robustness` gives its value at every sample."""
 
+    @abstractmethod
     def robustness(self, trace: Trace, scale: Scale) -> Array:
         """(n,) values, in the unit of the signals divided by `scale`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def tightest(self, at: int, trace: Trace, scale: Scale) -> Tightest | None:
         """Return what decides at sample `at`, or None if it is an interval without samples."""
-        raise NotImplementedError
 
+    @abstractmethod
     def leaves(self) -> Iterator["Below | Holds"]:
         """Yield the comparisons and Boolean signals."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

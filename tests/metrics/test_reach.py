@@ -1,5 +1,7 @@
 """What a flight reaches, planned and flown."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -28,3 +30,20 @@ def test_the_flight_of_the_believed_model_reaches_what_was_planned():
     assert flown.height == pytest.approx(planned.height, abs=0.02)
     assert flown.tilt == 0.0
     assert flown.duration == pytest.approx(8.0, abs=0.03)
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_the_greatest_tilt_in_the_air_counts_in_any_direction(axis):
+    quat = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
+    for row, angle in ((0, 2.5), (1, 0.3)):
+        quat[row, [0, axis]] = np.cos(angle / 2), np.sin(angle / 2)
+    truth = SimpleNamespace(
+        time=np.array([0, 1, 2]) * 10**9,
+        position=np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
+        velocity=np.zeros((3, 3)),
+        quat_wxyz=quat,
+        yaw_rate=np.zeros(3),
+    )
+    log = SimpleNamespace(truth=truth, sent=SimpleNamespace(time=truth.time, u=np.zeros((3, 4))))
+    # The first row, far tilted, lies on the floor.
+    assert flown_reach(log).tilt == pytest.approx(0.3)
