@@ -168,6 +168,16 @@ EQUIVALENT = {
         "acting = Disturbances(gust, extra[10:13], push)",
     ): "there are twelve",
     (
+        "heli_twin/lab/plant/mjcf_text.py",
+        'if name.endswith("iterations") and not (value.isdecimal() and len(value) <= 9'
+        " and int(value) <= MAX_ITERATIONS):",
+    ): "any number of nine digits is above MAX_ITERATIONS too",
+    (
+        "heli_twin/lab/plant/mjcf_text.py",
+        'if name.endswith("iterations") and not (value.isdecimal() and len(value) < 10'
+        " and int(value) <= MAX_ITERATIONS):",
+    ): "any number of nine or ten digits is above MAX_ITERATIONS too",
+    (
         "controllers/reference.py",
         "_BLOCK_SAMPLES = 513",
     ): "samples are computed one more at a time",

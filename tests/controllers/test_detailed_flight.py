@@ -83,6 +83,25 @@ def test_a_push_is_countered_and_a_gust_the_less_the_sooner_it_is_over():
     assert pitch(0.0, 0.2) < 2.0 * pitch(0.0, 0.2, gust_time=0.1) < 0.0
 
 
+@pytest.mark.parametrize("yaw", [-2.0, 0.7])
+def test_the_whole_situation_turned_needs_the_same_sticks(yaw):
+    def sticks(heading: float) -> Array:
+        turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+        x = np.zeros(8)
+        x[:2], x[3], x[4:6] = turn @ (0.03, -0.02), heading, (0.05, 0.1)
+        estimate = Estimate(0, x, np.zeros(4), np.zeros((4, 3)), 0, 0, np.zeros(12), np.zeros(12))
+        estimate.extra[6], estimate.extra[8:10] = 9.81, turn @ (0.1, -0.05)
+        estimate.disturbance[:2] = turn @ (0.15, 0.02)
+        law = DetailedMpc()
+        flat = np.zeros((6, law.steps + 1, 4))
+        flat[0, :, 3] = heading
+        planned = np.zeros((law.steps + 1, 8))
+        planned[:, 3] = heading
+        return law.start().step(0, estimate, Reference(0, planned, np.zeros((law.steps, 4)), flat)).u
+
+    np.testing.assert_allclose(sticks(yaw), sticks(0.0), atol=1e-6)
+
+
 @dataclass(frozen=True)
 class Step:
     """A step of 1.5 m, which no helicopter can follow."""

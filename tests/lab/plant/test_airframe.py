@@ -272,7 +272,9 @@ def test_it_is_drawn_from_its_geoms():
     prop = next(part for part in shape if part.colour == 0x33BFF28C and part.centre[0] > 0 and part.centre[1] > 0)
     assert (prop.kind, prop.size, prop.centre) == ("cylinder", (0.032, 0.002), pytest.approx((0.05, 0.05, 0.01)))
     foot = next(part for part in shape if part.kind == "cylinder" and part.size[0] == pytest.approx(0.003))
-    assert foot.centre == pytest.approx((0.05, 0.05, -0.01))
+    assert (foot.size, foot.centre) == (pytest.approx((0.003, 0.02)), pytest.approx((0.05, 0.05, -0.01)))
+    ends = [part.centre for part in shape if part.kind == "sphere" and part.size == pytest.approx((0.003,))]
+    assert sorted(z for x, y, z in ends if x > 0 and y > 0) == pytest.approx([-0.02, 0.0])
 
 
 def test_a_text_that_does_not_compile_is_drawn_as_a_ball():

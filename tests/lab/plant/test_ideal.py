@@ -21,6 +21,12 @@ def test_hover_is_an_equilibrium():
     np.testing.assert_allclose(physical_state(plant.truth()), [0, 0, 1, 0.3, 0, 0, 0, 0], atol=1e-12)
 
 
+def test_it_is_upright_and_turns_about_its_mast():
+    truth = Ideal().start(X).truth()
+    np.testing.assert_allclose(truth.quat_wxyz, (np.cos(0.35), 0.0, 0.0, np.sin(0.35)))
+    np.testing.assert_array_equal(truth.angular_velocity, (0.0, 0.0, 1.5))
+
+
 def test_one_step_is_the_model_to_the_last_digit():
     plant = Ideal(step=0.02).start(X)
     plant.advance(20 * MS, U, STILL_AIR)
