@@ -1,6 +1,7 @@
 """One flight: the experiment becomes a helicopter, a lab and a ground station, and time runs. Read this first."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from math import cos, isfinite, radians
 from operator import itemgetter
 from time import perf_counter_ns
@@ -15,6 +16,7 @@ from controllers.laws import closed_after, flat_derivatives, preview_of
 from controllers.markers import by_name
 from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, nanoseconds
+from controllers.trajectories import Trajectory
 from heli_twin.experiment import Experiment, Volume
 from heli_twin.lab import disturbances
 from heli_twin.lab.chance import Chance, generator, mixed
@@ -39,6 +41,17 @@ class Outcome(NamedTuple):
     """When, ns."""
     text: str
     """One sentence."""
+
+
+@contextmanager
+def reproducible() -> Generator[None]:
+    """Compute the same on every host while the block runs.
+
+    More threads add numbers in another order. Overflow gives non-finite numbers: the ground station then sends a safe
+    hover, and a helicopter whose state is non-finite has diverged.
+    """
+    with threadpool_limits(limits=1), np.errstate(all="ignore"):
+        yield
 
 
 class Flight:
@@ -81,55 +94,78 @@ class Flight:
         self.supervisor = e.supervisor.start(e.controller.model, e.controller.period)
         self.lead = nanoseconds(e.estimator.lead)
         self.model, self.derivatives = e.controller.model, flat_derivatives(e.controller)
-        self.preview = preview_of(e.controller, e.trajectory, self.period, self.lead)
-        # The flight may end between two control steps.
-        self.planned = ReferencePreview(e.trajectory, e.controller.model, self.step, 0)
+        self.follow(e.trajectory)
+        self.now = self.control_due = self.air_due = 0
+        self.held, self.air_now = Held(-1, plant.truth().actuators), together([])
         self.others: Array = ALONE
         """(n, 3) positions of other helicopters in the room, world, m."""
         self.poses_under_way: list[Arrival] = []
         self.last_status, self.last_rejected, self.told_of_moments = "", 0, False
         self.reason, self.landed_at, self.last_sink, self.in_the_air = "", 0, 0.0, False
+        recorder.acting(self.now, self.held.u, self.held.stamp)
 
     def run(self) -> Outcome:
         """Fly to the end of the experiment, or until the flight is over."""
-        # More threads add numbers in another order. Overflow gives non-finite numbers: the ground station then sends a
-        # safe hover, and a helicopter whose state is non-finite has diverged.
-        with threadpool_limits(limits=1), np.errstate(all="ignore"), closed_after(self.controller):
+        with reproducible(), closed_after(self.controller):
             try:
-                return self._run()
+                outcome = self.advance(self.end + 1)
             except LawFailed as error:
                 return Outcome(INVALID, error.time, str(error))
+        assert outcome is not None
+        return outcome
 
-    def _run(self) -> Outcome:
-        t = control_due = air_due = 0
-        plant, mocap, radio, faults = self.plant, self.mocap, self.radio, self.faults
-        held, air = Held(-1, plant.truth().actuators), together([])
-        self.recorder.acting(t, held.u, held.stamp)
-        while True:
-            if t >= air_due:
-                air = self.air(t, plant.truth())
-                if battery := faults.battery(t, plant.battery()):
-                    self.recorder.battery(t, battery)
-                    self.supervisor.battery(battery.voltage)
-                air_due += disturbances.PERIOD_NS
-            if t >= mocap.due:
-                self.look(t, plant.truth())
-            if t >= control_due or t == self.end:
-                outcome = self.judge(t, plant.truth())
-                if outcome is not None:
-                    return outcome
-                command = self.control(t)
-                latency = self.experiment.compute.latency_ns(self.compute_chance)
-                for at, sent in faults.commands(t, latency, command):
-                    radio.send(at, sent)
-                control_due += self.period
-                self.progress(1e-9 * t)
-            if t >= radio.due and (received := faults.received(t, radio.receive(t))):
-                held = received
-                self.recorder.acting(t, held.u, held.stamp)
-            u = faults.input(t, held.u, plant)
-            t = self.on_grid(min(control_due, air_due, mocap.due, radio.due, self.end))
-            plant.advance(t, u, air)
+    def follow(self, trajectory: Trajectory) -> None:
+        """Fly by another plan from the next control step on."""
+        e = self.experiment
+        self.preview = preview_of(e.controller, trajectory, self.period, self.lead)
+        # The flight may end between two control steps.
+        self.planned = ReferencePreview(trajectory, e.controller.model, self.step, 0)
+
+    def advance(self, until: int) -> Outcome | None:
+        """Fly on to a physics step `until`, ns; what is due then is left to the next call.
+
+        Returns:
+            How the flight ended, None if it goes on. It ends at `end` at the latest.
+        """
+        while self.now < until:
+            outcome = self.tick(self.now)
+            if outcome is not None:
+                return outcome
+            self.coast(until)
+        return None
+
+    def tick(self, t: int) -> Outcome | None:
+        """Do all that is due at time t, ns; return the outcome if the flight is over."""
+        plant, radio, faults = self.plant, self.radio, self.faults
+        if t >= self.air_due:
+            self.air_now = self.air(t, plant.truth())
+            if battery := faults.battery(t, plant.battery()):
+                self.recorder.battery(t, battery)
+                self.supervisor.battery(battery.voltage)
+            self.air_due += disturbances.PERIOD_NS
+        if t >= self.mocap.due:
+            self.look(t, plant.truth())
+        if t >= self.control_due or t == self.end:
+            outcome = self.judge(t, plant.truth())
+            if outcome is not None:
+                return outcome
+            command = self.control(t)
+            latency = self.experiment.compute.latency_ns(self.compute_chance)
+            for at, sent in faults.commands(t, latency, command):
+                radio.send(at, sent)
+            self.control_due += self.period
+            self.progress(1e-9 * t)
+        if t >= radio.due and (received := faults.received(t, radio.receive(t))):
+            self.held = received
+            self.recorder.acting(t, received.u, received.stamp)
+        return None
+
+    def coast(self, until: int) -> None:
+        """Fly on by whole physics steps until something is due, but not beyond `until`, ns."""
+        u = self.faults.input(self.now, self.held.u, self.plant)
+        due = min(self.control_due, self.air_due, self.mocap.due, self.radio.due, self.end)
+        self.now = self.on_grid(min(due, until))
+        self.plant.advance(self.now, u, self.air_now)
 
     def air(self, t: int, truth: Truth) -> Air:
         """Return what the surroundings do until the next update."""

@@ -11,10 +11,11 @@ from controllers.flatness import state
 from heli_twin import Experiment, fly, load, read_log
 from heli_twin.experiment import Volume
 from heli_twin.experiment.tree import ExperimentError, from_json
-from heli_twin.flight import Flight, verdict
+from heli_twin.flight import Flight, reproducible, verdict
 from heli_twin.lab.chance import generator
 from heli_twin.lab.plant import STILL_AIR
 from heli_twin.lab.plant.mujoco import MuJoCo
+from heli_twin.logbook import begin_log, planned_path
 from heli_twin.metrics.tracking import SETTLING_S, tracking_error
 from heli_twin.mission import Result
 from heli_twin.recording import Recorder
@@ -345,5 +346,18 @@ def test_progress_is_told_at_every_control_step():
 
 def test_a_flight_is_one_screen():
     """The loop is what a newcomer reads first."""
-    loop = Flight._run.__code__
-    assert len({line for *_, line in loop.co_lines() if line}) < 40
+    loop = (Flight.advance, Flight.tick, Flight.coast)
+    assert len({line for part in loop for *_, line in part.__code__.co_lines() if line}) < 40
+
+
+def test_a_flight_can_be_flown_in_slices_from_outside():
+    """A room with several helicopters stops each of them at common times."""
+    e = load("lab_simple", ["duration=1", "faults.pose_outage.at=0.3"])
+    plant = e.plant.start(state(e.trajectory.flat(np.zeros(1)))[0])
+    with begin_log(None, e, mjcf=plant.description()) as recorder, reproducible():
+        recorder.reference_path(0, planned_path(e))
+        flight, slices = Flight(e, plant, recorder), 0
+        while (outcome := flight.advance(flight.now + flight.on_grid(7_000_000))) is None:
+            slices += 1
+    assert slices > 100 and outcome.kind == "completed"
+    assert recorder.digest == flown("lab_simple", "duration=1", "faults.pose_outage.at=0.3").flight_digest
