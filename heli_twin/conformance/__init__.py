@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import FrozenInstanceError, fields, is_dataclass
 from typing import Any, NamedTuple
 
-from heli_twin.conformance import designs, estimators, faults, laws, supervisors, surroundings, trajectories
+from heli_twin.conformance import coordinations, designs, estimators, faults, laws, supervisors, surroundings, trajectories
 from heli_twin.conformance.rules import NotConforming, names_its_further_states, require
 from heli_twin.experiment.families import needs_of_families
 
@@ -113,6 +113,12 @@ CHECKS: dict[str, tuple[Check, ...]] = {
         supervisors.orders_the_same_again,
         supervisors.leaves_the_plan_alone,
         supervisors.lets_a_good_flight_fly,
+    ),
+    "controllers.coordinations": (
+        is_a_frozen_value,
+        coordinations.begins_with_the_wish,
+        coordinations.plans_join,
+        coordinations.plans_the_same_again,
     ),
     "heli_twin.lab.disturbances": (
         is_a_frozen_value,

@@ -33,13 +33,14 @@ __all__ = ["GROUPS", "EachOf", "FamilyError", "Member", "OneOf", "all_members", 
 HELI_TWIN = "heli_twin"
 """The origin of our own members."""
 DESIGNS = "heli_twin.studies.designs"
-"""The family of the designs of studies, the only one that is no part of an experiment."""
+"""The family of the designs of studies, which choose what to fly."""
 GROUPS = {
     "controllers.trajectories": "heli_twin.trajectories",
     "controllers.laws": "heli_twin.controllers",
     "controllers.estimators": "heli_twin.estimators",
     "controllers.excitations": "heli_twin.excitations",
     "controllers.supervisors": "heli_twin.supervisors",
+    "controllers.coordinations": "heli_twin.coordinations",
     "heli_twin.lab.plant": "heli_twin.plants",
     "heli_twin.lab.disturbances": "heli_twin.disturbances",
     "heli_twin.lab.faults": "heli_twin.faults",
@@ -293,6 +294,7 @@ _NEEDS = {
     "controllers.laws": ("period", "steps", "model", "start"),
     "controllers.estimators": ("lead", "start"),
     "controllers.excitations": ("excited",),
+    "controllers.coordinations": ("planner_of",),
     "heli_twin.lab.plant": ("step", "start"),
     "heli_twin.lab.faults": ("hooks",),
     "heli_twin.lab.disturbances": ("start",),
