@@ -13,7 +13,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import FrozenInstanceError, fields, is_dataclass
 from typing import Any, NamedTuple
 
-from heli_twin.conformance import coordinations, designs, estimators, faults, laws, supervisors, surroundings, trajectories
+from heli_twin.conformance import (
+    coordinations,
+    designs,
+    estimators,
+    faults,
+    laws,
+    supervisors,
+    surroundings,
+    trajectories,
+)
 from heli_twin.conformance.rules import NotConforming, names_its_further_states, require
 from heli_twin.experiment.families import needs_of_families
 

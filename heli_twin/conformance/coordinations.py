@@ -48,7 +48,9 @@ def begins_with_the_wish(spec: Any) -> None:
     """Before take-off it has committed a plan that starts where the wish starts."""
     ships = _ships()
     for ship in ships:
-        planned, wanted = (each.flat(np.zeros(1)).z for each in (spec.planner_of(ship.name, ships).committed, ship.wish))
+        planned, wanted = (
+            each.flat(np.zeros(1)).z for each in (spec.planner_of(ship.name, ships).committed, ship.wish)
+        )
         require(bool(np.allclose(planned, wanted, atol=1e-6)), f"{ship.name} starts at {planned[0]}, not {wanted[0]}")
 
 
