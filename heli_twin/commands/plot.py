@@ -23,9 +23,11 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  estimate  the estimator's error with two of its standard deviations, and the poses\n"
         "  timing    measured times of control step and solver\n"
         "  all       everything that the logs hold, on one long page\n"
+        "With --require: the moments at which a flight comes nearest to breaking a requirement, with margins.\n"
         "Grey: no poses. Red bar above: a fault. Dotted: what the supervisor decided, touch-down, the end.",
         "  heli-twin plot logs/RUN.mcap\n"
         "  heli-twin plot A.mcap B.mcap --names MPC,PID --out compared.pdf\n"
+        "  heli-twin plot logs/RUN.mcap --require hover\n"
         "  heli-twin plot logs/RUN.mcap --what inputs --from 5 --to 12 --width 3.5 --out fig3.svg",
     )
     parser.add_argument("logs", nargs="+", type=file_path, metavar="RUN.mcap", help="logs that heli-twin recorded")
@@ -39,6 +41,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument("--from", dest="start", type=float, metavar="SECONDS", help="first moment (default 0)")
     parser.add_argument("--to", dest="end", type=float, metavar="SECONDS", help="last moment (default: the end)")
     parser.add_argument("--names", metavar="A,B,...", help="for the legend (default: what differs between the flights)")
+    parser.add_argument("--require", metavar="REQ.toml|NAME", help="requirements, as `heli-twin judge` takes them")
     parser.add_argument(
         "--width", type=float, default=7.16, metavar="INCHES", help="7.16 fills a page, 3.5 a column (default 7.16)"
     )
@@ -55,7 +58,10 @@ def run(parsed: Namespace) -> int:
     form_of(out)
     names = None if parsed.names is None else parsed.names.split(",")
     window = {"start": parsed.start, "end": parsed.end}
-    save(plot(*parsed.logs, what=parsed.what, names=names, width=parsed.width, **window), out)
+    figure = plot(
+        *parsed.logs, what=parsed.what, names=names, width=parsed.width, requirements=parsed.require, **window
+    )
+    save(figure, out)
     say(f"wrote {out}")
     return 0
 

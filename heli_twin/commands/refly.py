@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heli_twin.commands import add_with, command, file_path, load_with, progress_bar, say
-from heli_twin.commands.fly import INVALID_RUN
+from heli_twin.commands.fly import INVALID_RUN, requirements_named, verdicts_on
+from heli_twin.commands.judge import BROKEN
 from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.reanalysis.refly import Refly
+    from heli_twin.requirements import Verdict
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -22,10 +24,11 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "fly a recorded experiment again, as it was or with changes",
         "Rebuild the experiment from a log alone and fly it. Without changes it says `identical`, or where, when and\n"
         "in which field the flights first differ: bit for bit on the same host and build, elsewhere within 2 mm and\n"
-        "0.5 deg. With changes it prints both results. Exit code 1 means that the flights differ, 3 that the second\n"
-        "run is invalid.",
+        "0.5 deg. With changes it prints both results; with --require, how the margin of each requirement changed.\n"
+        "Exit code 1 means that the flights differ, 3 that the second flight breaks a requirement or is invalid.",
         "  heli-twin refly RUN.mcap\n"
         "  heli-twin refly RUN.mcap controller.horizon=12\n"
+        "  heli-twin refly RUN.mcap controller.horizon=12 --require circle\n"
         "  heli-twin refly RUN.mcap plant.mass=0.030 seed=3 --log-dir again",
     )
     parser.add_argument("log", type=file_path, metavar="RUN.mcap", help="a log that heli-twin fly recorded")
@@ -35,6 +38,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "--log-dir", type=Path, metavar="DIR", help="where the new log goes (default logs/; none without changes)"
     )
     where.add_argument("--no-log", action="store_true", help="keep no log")
+    parser.add_argument("--require", metavar="REQ.toml|NAME", help="requirements, as `heli-twin judge` takes them")
     add_with(parser)
     parser.add_argument("--yes", action="store_true", help="do it even if it takes longer than ten minutes")
 
@@ -49,9 +53,11 @@ def run(parsed: Namespace) -> int:
     from heli_twin.reanalysis.effort import flight_effort, require_agreement
     from heli_twin.reanalysis.refly import refly
     from heli_twin.recording import read_log
+    from heli_twin.requirements import judge as judge_log
 
     load_with(parsed)
-    log = read_log(parsed.log)
+    requirements, log = requirements_named(parsed.require), read_log(parsed.log)
+    before = judge_log(requirements, log) if requirements else {}
     flown = flown_experiment(log)
     for notice in (physics_notice(log), *own_notices(log)):
         if notice:
@@ -70,10 +76,15 @@ def run(parsed: Namespace) -> int:
             compare(again)
     else:
         judge(again)
+    after = verdicts_on(requirements, again.result)
+    if after:
+        show_change(before, after)
     if again.result.path:
         say(f"log {again.result.path}")
     if again.result.outcome.kind == INVALID:
         return INVALID_RUN
+    if any(not verdict.holds for verdict in after.values()):
+        return BROKEN
     return 0 if differs or again.verdict != "different" else 1
 
 
@@ -113,6 +124,32 @@ def judge(again: "Refly") -> None:
             f"  host and build are the same as far as the log tells ({host}): the log was changed, the program since"
             " that commit, or the vector instructions that the libraries use"
         )
+
+
+def show_change(before: "dict[str, Verdict]", after: "dict[str, Verdict]") -> None:
+    """Print how the verdict on each requirement changed."""
+    from heli_twin.reporting.terminal_tables import print_table
+
+    rows = [(clean(name, 60), *_change(before[name], now)) for name, now in after.items()]
+    print_table(("requirement", "logged", "flown again", "change", "tightest at"), rows, "requirements")
+    broken = [name for name, now in after.items() if not now.holds]
+    mended = [name for name in after if name not in broken and not before[name].holds]
+    new = [name for name in broken if before[name].holds]
+    say(f"{len(broken)} of {len(after)} broken: {', '.join(broken)}" if broken else f"all {len(after)} hold")
+    for names, words in ((new, "broken now and not before"), (mended, "broken before and not now")):
+        if names:
+            say(f"{words}: {', '.join(names)}")
+
+
+def _change(before: "Verdict", now: "Verdict") -> tuple[str, str, str, str]:
+    """Both verdicts, the change of the margin in the unit of the formula, and when they are tightest."""
+    from heli_twin.requirements.judge import margin_change
+
+    def moment(verdict: "Verdict") -> str:
+        return "-" if verdict.tightest_at is None else f"{verdict.tightest_at:.2f} s"
+
+    times = dict.fromkeys((moment(before), moment(now)))
+    return before.told, now.told, margin_change(before, now), " / ".join(times)
 
 
 def compare(again: "Refly") -> None:

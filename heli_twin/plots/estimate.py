@@ -10,6 +10,7 @@ from controllers.signals import Array
 from heli_twin.metrics.motion import in_seconds, motion
 from heli_twin.plots.axes import AXES, ERROR_UNITS, legend, time_axis
 from heli_twin.plots.marks import mark
+from heli_twin.plots.requirements import mark_tightest
 from heli_twin.plots.runs import Run
 
 BESIDE = True
@@ -44,6 +45,7 @@ def draw(part: Any, shown: Sequence[Run], width: float) -> None:
                 axes.set_ylabel(f"{name} error, {'cm' if i < 3 else 'deg'}")
             time_axis(axes, shown, labelled=i == 3)
             mark(axes, run, alone=True, named=i == 0 and len(shown) == 1)
+            mark_tightest(axes, run, alone=len(shown) == 1, numbered=i == 0)
         if len(shown) > 1:
             places[0, column].set_title(run.name, fontsize=7, loc="left")
     for row, scale in zip(places, scales.max(axis=1), strict=True):

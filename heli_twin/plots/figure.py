@@ -1,7 +1,7 @@
 """The public side of the figures of flights: draw one, and write it to a file."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -12,8 +12,10 @@ from matplotlib.figure import Figure
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.plots import estimate, inputs, path, timing, tracking
+from heli_twin.plots.requirements import rows
 from heli_twin.plots.runs import Run, runs
 from heli_twin.reporting.svg import RC_PARAMETERS
+from heli_twin.requirements import requirements_of
 from heli_twin.terminal_text import instead
 from heli_twin.whole_file import write_whole
 
@@ -24,6 +26,8 @@ PAGE_WIDTH_INCHES, COLUMN_WIDTH_INCHES = 7.16, 3.5
 """Width of a page and of a column of a paper with two columns."""
 MOST_OVERLAID, MOST_BESIDE = 8, 4
 """Flights that can be told apart in one pair of axes, and columns that can be read beside each other."""
+ROW_INCHES = 0.12
+"""Height that an entry of the legend adds: two stand side by side unless they are long."""
 DPI = 200
 STYLE: dict[Any, Any] = RC_PARAMETERS | {
     # Type 42: publishers refuse matplotlib's default, Type 3.
@@ -50,6 +54,7 @@ def plot(
     end: float | None = None,
     names: Sequence[str] | None = None,
     width: float = PAGE_WIDTH_INCHES,
+    requirements: Path | str | Mapping[str, Any] | None = None,
 ) -> FlightFigure:
     """Draw recorded flights as a figure for a paper; no window opens, and a notebook shows it.
 
@@ -64,6 +69,8 @@ def plot(
         end: Last moment, s; None for the end of the longest flight.
         names: For the legend; None: the fields in which the experiments differ.
         width: Of the figure, inches: 7.16 fills a page of two columns, 3.5 one column.
+        requirements: A file, the name of a shipped one or a mapping: the tightest moment of each is marked, with its
+            margin.
 
     Returns:
         A figure of matplotlib's, to change or to save; `figure.savefig("f.pdf")`, or `heli_twin.plots.save`, whose
@@ -76,7 +83,7 @@ def plot(
         raise HeliTwinError(f"what: unknown figure {instead(what, KINDS)}")
     if not 2.5 <= width <= 30:
         raise HeliTwinError(f"width = {width:g} inches: give 2.5 to 30 inches, such as {PAGE_WIDTH_INCHES}")
-    shown = runs(logs, names, start, end)
+    shown = runs(logs, names, start, end, () if requirements is None else requirements_of(requirements))
     kinds = [*_KINDS.values()] if what == "all" else [_KINDS[what]]
     beside = any(kind.BESIDE for kind in kinds)
     most = MOST_BESIDE if beside else MOST_OVERLAID
@@ -97,7 +104,7 @@ def plot(
 
 
 def _drawn(kinds: Sequence[Any], shown: Sequence[Run], width: float) -> FlightFigure:
-    heights = [kind.height(shown, width) for kind in kinds]
+    heights = [kind.height(shown, width) + ROW_INCHES * rows(shown) for kind in kinds]
     figure = FlightFigure(figsize=(width, sum(heights)), layout="constrained")
     parts = figure.subfigures(len(kinds), 1, height_ratios=heights, squeeze=False).ravel()
     for kind, part in zip(kinds, parts, strict=True):

@@ -6,6 +6,7 @@ from typing import Any
 from heli_twin.metrics.motion import in_seconds
 from heli_twin.plots.axes import LIMIT, held, legend, time_axis
 from heli_twin.plots.marks import mark
+from heli_twin.plots.requirements import mark_tightest
 from heli_twin.plots.runs import Run
 
 BESIDE = True
@@ -35,6 +36,7 @@ def draw(part: Any, shown: Sequence[Run], width: float) -> None:
                 axes.set_ylabel(f"{name}, of full stick" if width > 5 else name)
             time_axis(axes, shown, labelled=i == 3)
             mark(axes, run, alone=True, named=i == 0 and len(shown) == 1)
+            mark_tightest(axes, run, alone=len(shown) == 1, numbered=i == 0)
         if len(shown) > 1:
             places[0, column].set_title(run.name, fontsize=7, loc="left")
     part.align_ylabels()

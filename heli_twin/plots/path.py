@@ -8,6 +8,7 @@ import numpy as np
 from heli_twin.metrics.motion import in_seconds, motion, outages
 from heli_twin.plots.axes import NARROW_INCHES, REFERENCE, legend
 from heli_twin.plots.marks import OUTAGE_COLOR
+from heli_twin.plots.requirements import place_tightest
 from heli_twin.plots.runs import Run
 from heli_twin.plots.tracking import lacks as lacks
 
@@ -58,6 +59,7 @@ def _view(axes: Any, shown: Sequence[Run], across: int, up: int) -> None:
             style = {"color": run.color, "markersize": 4, "linestyle": "none", "zorder": 4}
             axes.plot(*flown[0], marker="o", markerfacecolor="white", label="start" if alone else None, **style)
             axes.plot(*flown[-1], marker="s", label="end" if alone else None, **style)
+        place_tightest(axes, run, across, up, alone=alone)
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -1,6 +1,6 @@
 """Flights as figures show them: their names, colours and positions, and the window of time that is shown."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from heli_twin.logbook import viewed_experiment
 from heli_twin.recording import Log, read_log
 from heli_twin.reporting.figure import color
 from heli_twin.reporting.names import told_apart
+from heli_twin.requirements import Requirement, Verdict, judge
 from heli_twin.terminal_text import clean
 
 NAME_LIMIT = 60
@@ -31,6 +32,8 @@ class Run(NamedTuple):
     start: float
     """Start of what is shown, s."""
     end: float
+    verdicts: tuple[Verdict, ...] = ()
+    """On its requirements, in their order."""
 
     def shown(self, time: Array) -> Any:
         """The slice of ascending times (n,), s, that is shown."""
@@ -39,7 +42,11 @@ class Run(NamedTuple):
 
 
 def runs(
-    logs: Sequence[Any], names: Sequence[str] | None = None, start: float | None = None, end: float | None = None
+    logs: Sequence[Any],
+    names: Sequence[str] | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    requirements: Iterable[Requirement] = (),
 ) -> list[Run]:
     """Read flights for a figure.
 
@@ -48,9 +55,10 @@ def runs(
         names: For the legend; None: what tells one experiment from the others.
         start: First moment that is shown, s; None for the beginning.
         end: Last moment, s; None for the end of the longest flight.
+        requirements: By which each is judged.
 
     Raises:
-        HeliTwinError: A log cannot be read, or names or window do not fit.
+        HeliTwinError: A log cannot be read or judged, or names or window do not fit.
     """
     if not logs:
         raise HeliTwinError("no flight is given: give the path of one log or more")
@@ -65,10 +73,12 @@ def runs(
             " before its end"
         )
     known = [_experiment(log) for log in read]
+    required = tuple(requirements)
+    verdicts = [tuple(judge(required, log).values()) if required else () for log in read]
     shown = names or told_apart(read, logs)
     return [
-        Run(log, clean(name, NAME_LIMIT), color(i), experiment, first, min(last, longest))
-        for i, (log, name, experiment) in enumerate(zip(read, shown, known, strict=True))
+        Run(log, clean(name, NAME_LIMIT), color(i), experiment, first, min(last, longest), judged)
+        for i, (log, name, experiment, judged) in enumerate(zip(read, shown, known, verdicts, strict=True))
     ]
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from heli_twin.metrics.motion import in_seconds
 from heli_twin.plots.axes import LIMIT, NARROW_INCHES, legend, time_axis
+from heli_twin.plots.requirements import mark_tightest
 from heli_twin.plots.runs import Run
 
 BESIDE = False
@@ -54,6 +55,8 @@ def draw(part: Any, shown: Sequence[Run], width: float) -> None:
                     half, most = np.percentile(slowest, [50, 99])
                     text = f"median {half:.3g} ms, 99 %: {most:.3g} ms"
                     shares.text(1.0, 1.02, text, transform=shares.transAxes, ha="right", va="bottom", fontsize=6)
+        for run in shown:
+            mark_tightest(over_time, run, alone=len(shown) == 1, numbered=field == rows[0][0])
         over_time.set_ylabel(f"{name}, ms")
         over_time.set_yscale("log")
         _numbers(over_time.yaxis)

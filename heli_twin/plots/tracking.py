@@ -9,6 +9,7 @@ from heli_twin.metrics.motion import errors, in_seconds, motion
 from heli_twin.metrics.tracking import SETTLING_S
 from heli_twin.plots.axes import AXES, ERROR_UNITS, NARROW_INCHES, REFERENCE, UNITS, legend, time_axis
 from heli_twin.plots.marks import mark
+from heli_twin.plots.requirements import mark_tightest
 from heli_twin.plots.runs import Run
 
 BESIDE = False
@@ -48,6 +49,7 @@ def draw(part: Any, shown: Sequence[Run], width: float) -> None:
         time_axis(axes, shown, labelled=axes in bottom)
         for run in shown:
             mark(axes, run, alone=len(shown) == 1, named=len(shown) == 1 and axes is places[0, 0])
+            mark_tightest(axes, run, alone=len(shown) == 1, numbered=axes is places[0, 0])
     part.align_ylabels()
     legend(part, width)
 

@@ -5,6 +5,15 @@ takes the signals from a log; `judge.py` gives the verdicts.
 """
 
 from heli_twin.requirements.file import Requirement, RequirementError, requirements_of, table_of
-from heli_twin.requirements.judge import Verdict, judge
+from heli_twin.requirements.judge import Decisive, Verdict, decisive, judge
 
-__all__ = ["Requirement", "RequirementError", "Verdict", "judge", "requirements_of", "table_of"]
+__all__ = [
+    "Decisive",
+    "Requirement",
+    "RequirementError",
+    "Verdict",
+    "decisive",
+    "judge",
+    "requirements_of",
+    "table_of",
+]

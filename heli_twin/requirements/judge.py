@@ -1,14 +1,15 @@
 """Verdicts: whether a flight keeps its requirements, by how much, and when it comes nearest to breaking one."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from controllers.signals import Array
 from heli_twin.recording import Log
 from heli_twin.requirements.file import Requirement
-from heli_twin.requirements.formula import Below, Formula, Scale, Tightest, Trace
+from heli_twin.requirements.formula import Below, Formula, Holds, Scale, Tightest, Trace
 from heli_twin.requirements.signals import trace_of
 from heli_twin.requirements.units import converted
 
@@ -32,6 +33,15 @@ class Verdict:
     """The signal that decides, and its value then."""
     margin_text: str = ""
     """The margin as a person reads it, in the unit of the formula."""
+    decides: Below | Holds | None = None
+    """The part of the formula that decides."""
+
+    @property
+    def told(self) -> str:
+        """The verdict in a few words."""
+        if self.margin is None:
+            return "holds" if self.holds else "broken"
+        return f"margin {self.margin_text}" if self.holds else f"broken by {self.margin_text.removeprefix('-')}"
 
     def plain(self) -> dict[str, Any]:
         """Return the verdict as values for JSON."""
@@ -64,8 +74,56 @@ def judge(requirements: Iterable[Requirement], log: Log) -> dict[str, Verdict]:
     requirements = tuple(requirements)
     leaves = {requirement.name: list(requirement.parsed.leaves()) for requirement in requirements}
     trace = trace_of(log, {name for each in leaves.values() for leaf in each for name in leaf.signals()})
-    start = 1e-9 * float(log.truth.time[0]) if len(log.truth.time) else 1e-9 * float(log.pose.stamp.min())
+    start = _start(log)
     return {requirement.name: _verdict(requirement, trace, start) for requirement in requirements}
+
+
+def margin_change(before: Verdict, now: Verdict) -> str:
+    """Return how the margin changed, as a person reads it; empty if the two margins cannot be compared."""
+    if before.margin is None or now.margin is None or before.unit != now.unit or not isinstance(now.decides, Below):
+        return ""
+    change = shown(now.margin - before.margin, now.decides)
+    return change if change.startswith("-") else f"+{change}"
+
+
+class Decisive(NamedTuple):
+    """The signals that decide about a requirement, over the whole flight."""
+
+    time: Array
+    """(n,) s."""
+    signals: Mapping[str, Array]
+    """(n,) each, in `unit`; 1 and 0 for true and false."""
+    limit: float | None
+    """In `unit`; None if two signals are compared, or one that is true or false."""
+    unit: str
+
+
+def decisive(verdict: Verdict, log: Log) -> Decisive | None:
+    """Return the signals that decide about a verdict, in the unit that the limit was written with.
+
+    Args:
+        verdict: On this log.
+        log: The flight.
+
+    Returns:
+        None where there was nothing to look at.
+    """
+    leaf = verdict.decides
+    if leaf is None:
+        return None
+    trace = trace_of(log, set(leaf.signals()))
+    time = _start(log) + trace.period * np.arange(trace.length)
+    if not isinstance(leaf, Below):
+        return Decisive(time, {leaf.signal: np.asarray(trace.signals[leaf.signal], np.float64)}, None, "")
+    factor = converted(1.0, leaf.unit, leaf.shown_unit)
+    sides = {side.signal: factor * side.value(trace) for side in (leaf.low, leaf.high) if side.signal}
+    number = next((side.number for side in (leaf.low, leaf.high) if not side.signal), None)
+    return Decisive(time, sides, None if number is None else factor * number, leaf.shown_unit)
+
+
+def _start(log: Log) -> float:
+    """The first sample's time, s."""
+    return 1e-9 * float(log.truth.time[0] if len(log.truth.time) else log.pose.stamp.min())
 
 
 def _verdict(requirement: Requirement, trace: Trace, start: float) -> Verdict:
@@ -79,10 +137,10 @@ def _verdict(requirement: Requirement, trace: Trace, start: float) -> Verdict:
     at, leaf = start + decides.sample * trace.period, decides.leaf
     holds = value >= 0.0
     if not isinstance(leaf, Below) or not np.isfinite(value):
-        return Verdict(requirement, holds, None, None, None, at, _reason(decides, trace))
+        return Verdict(requirement, holds, None, None, None, at, _reason(decides, trace), decides=leaf)
     margin = value * scale(leaf)
     normalised, text = margin / leaf.limit, shown(margin, leaf)
-    return Verdict(requirement, holds, margin, leaf.unit, normalised, at, _reason(decides, trace), text)
+    return Verdict(requirement, holds, margin, leaf.unit, normalised, at, _reason(decides, trace), text, leaf)
 
 
 def _scale(formula: Formula) -> Scale:

@@ -15,6 +15,7 @@ from heli_twin.metrics.motion import outages
 from heli_twin.plots.figure import FlightFigure, rendered
 from heli_twin.plots.marks import events, faults
 from heli_twin.plots.runs import runs
+from heli_twin.requirements import judge, requirements_of
 
 LOST = ["duration=3", "trajectory=hover", "faults.pose_outage.start=1", "faults.pose_outage.duration=0.4"]
 
@@ -151,3 +152,59 @@ def test_a_notebook_shows_it_and_no_window_opens(path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "b'PNG' False\n"
+
+
+# --- requirements
+
+REQUIRED = {
+    "near": "always[0.5s,end] error.position < 1 mm",
+    "high": "always height > 20 cm",
+    "late": "always[9s,end] touching",
+}
+
+
+def test_the_tightest_moment_of_each_requirement_is_marked_with_its_margin(log: Log) -> None:
+    verdicts = judge(requirements_of(REQUIRED), log)
+    labels = {
+        "near": f"1 near: broken by {verdicts['near'].margin_text[1:]} at {verdicts['near'].tightest_at:.2f} s",
+        "high": f"2 high: margin {verdicts['high'].margin_text} at {verdicts['high'].tightest_at:.2f} s",
+    }
+    for what in ("tracking", "inputs", "estimate", "timing"):
+        figure = plot(log, what=what, requirements=REQUIRED)
+        lines = {line.get_label(): line for line in figure.axes[0].get_lines()}
+        for name, label in labels.items():
+            assert lines[label].get_xdata()[0] == verdicts[name].tightest_at
+        assert to_hex(lines[labels["near"]].get_color()) != to_hex(lines[labels["high"]].get_color())
+        # There is nothing to look at, so that no moment is marked.
+        assert not len(lines["3 late: broken"].get_xdata())
+        numbers = {text.get_text() for text in figure.axes[0].texts} & {"1", "2", "1, 2"}
+        assert "".join(sorted(numbers)) in ("12", "1, 2")
+
+
+def test_on_a_path_the_tightest_moment_is_where_the_helicopter_was(log: Log) -> None:
+    verdict = judge(requirements_of(REQUIRED), log)["high"]
+    at = log.truth.position[int(np.argmin(np.abs(log.truth.time - 1e9 * verdict.tightest_at)))]
+    above, aside = plot(log, what="path", requirements=REQUIRED).axes
+    for axes, point in ((above, (at[1], at[0])), (aside, (at[1], at[2]))):
+        (diamond,) = (line for line in axes.get_lines() if line.get_label().startswith("2 high: margin"))
+        np.testing.assert_allclose(np.ravel(diamond.get_data()), point)
+
+
+def test_of_several_flights_each_has_its_own_mark_and_those_outside_the_window_are_told(log: Log, other: Log) -> None:
+    figure = plot(log, other, names=["long", "short"], requirements={"high": "always height > 20 cm"})
+    first, second = (line for line in figure.axes[0].get_lines() if line.get_label().startswith("1 high, "))
+    assert (to_hex(first.get_color()), to_hex(second.get_color())) == tuple(
+        run.color.lower() for run in runs([log, other])
+    )
+    assert [line.get_label().split(":")[0] for line in (first, second)] == ["1 high, long", "1 high, short"]
+    shown = plot(log, start=0.0, end=0.04, requirements=REQUIRED).axes[0].get_lines()
+    assert not len(next(line for line in shown if line.get_label().startswith("1 near: broken by")).get_xdata())
+
+
+def test_the_command_draws_requirements_and_refuses_wrong_ones(path: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "judged.svg"
+    assert main(["plot", str(path), "--require", "hover", "--out", str(out)]) == 0
+    assert "4 upright: margin" in out.read_text()
+    assert main(["plot", str(path), "--require", "hovr", "--out", str(tmp_path / "no.svg")]) == 2
+    assert "did you mean 'hover'" in capsys.readouterr().err
+    assert not (tmp_path / "no.svg").exists()

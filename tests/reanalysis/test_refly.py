@@ -145,3 +145,24 @@ def test_the_command_says_identical_and_exits_0(pid_flight: Path, capsys: pytest
     assert "flown again" in capsys.readouterr().out
     assert main(["refly", str(pid_flight), "plant.mas=0.03"]) == 2
     assert "plant.mass" in capsys.readouterr().err
+
+
+def test_it_tells_how_the_margin_of_each_requirement_changed(pid_flight: Path, tmp_path: Path, capsys) -> None:
+    log = read_log(pid_flight)
+    heavy = refly(log, ["plant.mass=0.032"]).result.log
+    lowest = [float(each.truth.position[:, 2].min()) for each in (log, heavy)]
+    assert lowest[1] < lowest[0]
+    between = 50.0 * sum(lowest)
+    file = tmp_path / "high.toml"
+    file.write_text(f'[requirements]\nhigh = "always height > {between} cm"\nends = "eventually completed"\n')
+    command = ["refly", str(pid_flight), "--no-log", "--require", str(file)]
+    assert main([*command, "plant.mass=0.032"]) == 3
+    out = capsys.readouterr().out
+    row = next(line for line in out.splitlines() if line.strip().startswith("high "))
+    margins = [100.0 * low - between for low in lowest]
+    assert f"margin {margins[0]:.4g} cm" in row
+    assert f"broken by {-margins[1]:.4g} cm" in row
+    assert f" {margins[1] - margins[0]:.4g} cm" in row
+    assert "1 of 2 broken: high\nbroken now and not before: high" in out
+    assert main(command) == 0
+    assert "+0 cm" in capsys.readouterr().out
