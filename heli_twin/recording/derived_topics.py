@@ -42,16 +42,18 @@ class Viewers:
     Message objects are reused: protobuf takes five times as long to make a new one as to serialise it.
     """
 
-    def __init__(self, shape: Sequence[Primitive] = ()) -> None:
+    def __init__(self, shape: Sequence[Primitive] = (), name: str = "") -> None:
         """Begin a flight.
 
         Args:
             shape: Of the helicopter; empty for the mCX2.
+            name: Of the helicopter, if it is one of several: its frame is `NAME/helicopter`.
         """
-        self._urdf = urdf(BODY, FRAME, tuple(shape))
+        body = f"{name}/{BODY}".lstrip("/")
+        self._urdf = urdf(body, FRAME, tuple(shape))
         self._tf_due = self._horizon_due = self._plot_due = 0
         self._truth = self._reference = b""
-        self._transform = FrameTransform(parent_frame_id=FRAME, child_frame_id=BODY)
+        self._transform = FrameTransform(parent_frame_id=FRAME, child_frame_id=body)
         pose = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
         self._cloud = PointCloud(frame_id=FRAME, pose=pose, point_stride=_POINT.itemsize, fields=_FIELDS)
         self.plan: Layout | None = None

@@ -23,7 +23,7 @@ from heli_twin.experiment.text import load
 from heli_twin.experiment.tree import canonical_json
 from heli_twin.mission import Result, fly
 from heli_twin.recording import LogError, Recorder, read_log, recover
-from heli_twin.recording.writer import FLUSH_PERIOD_NS
+from heli_twin.recording.wires import FLUSH_PERIOD_NS
 
 Record = Callable[..., Recorder]
 
