@@ -67,6 +67,9 @@ PAST: dict[str, Past] = {
     "controllers.laws.ltv_mpc.LtvMpc.integral_zone": Past(5, 1e9),
     "controllers.laws.pid.Pid.derivative": Past(5, "velocity"),
     "controllers.detailed_model.DetailedModel.servo_play": Past(6, 0.0),
+    "controllers.trajectories.circle.Circle.x": Past(6, 0.0),
+    "controllers.trajectories.circle.Circle.y": Past(6, 0.0),
+    "controllers.trajectories.circle.Circle.phase": Past(6, 0.0),
     "controllers.trajectories.takeoff_and_landing.TakeoffAndLanding.stand": Past(4, 0.0),
 }
 """Past values by the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
