@@ -9,7 +9,7 @@ from io import BytesIO
 from math import floor
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -38,10 +38,20 @@ from heli_twin.recording.writer import Listener
 from heli_twin.whole_file import free_path
 
 if TYPE_CHECKING:
+    from heli_twin.requirements import Requirement
     from heli_twin.viewing.live import Live
 
 MEASURED = ("/truth", "/reference", "/mpc/qp", "/timing")
 """Topics that the metrics are computed from; a summary reads these alone, so that a long log needs little memory."""
+
+
+class Pictures(NamedTuple):
+    """Pictures of a flight in Rerun in which its requirements are judged."""
+
+    where: str
+    """`spawn`, `connect`, or a path that ends in `.rrd`."""
+    requirements: "tuple[Requirement, ...]" = ()
+    """Judged when the flight is over."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +112,7 @@ def fly(
     experiment: Experiment | str,
     *,
     log_dir: Path | str | None = "logs",
-    rerun: str | None = None,
+    rerun: str | Pictures | None = None,
     progress: Callable[[float], None] = lambda t: None,
     embed_source: bool = False,
 ) -> Result:
@@ -113,7 +123,7 @@ def fly(
             TOML file: `fly("lab")`.
         log_dir: Folder for the log, created if it does not exist; None keeps the log in memory.
         rerun: Rerun viewer or file that shows the flight: `spawn`, `connect`, or a path that ends in `.rrd`; None for
-            no pictures.
+            no pictures. `Pictures` judges the flight in them too.
         progress: Called with the simulated time, s, at every control step.
         embed_source: Attach the source of classes of your own to the log. It is no part of the digest, and nothing
             executes it.
@@ -139,7 +149,9 @@ def fly(
         outcome = _explained(Flight(experiment, plant, recorder, progress).run(), experiment)
         took = perf_counter() - began
         recorder.close(outcome.kind, outcome.time, text=outcome.text)
-    data = recorder.stream.getvalue() if recorder.stream else None
+        data = recorder.stream.getvalue() if recorder.stream else None
+        if pictures and outcome.kind != INVALID and not recorder.trouble:
+            pictures.judge(recorder.path or BytesIO(data or b""))
     factor = 1e-9 * outcome.time / took
     digest = "" if outcome.kind == INVALID else recorder.digest
     return Result(experiment, outcome, recorder.path, digest, factor, data, recorder.trouble, BUILD_TROUBLE)
@@ -255,14 +267,15 @@ def _start(experiment: Experiment) -> Plant:
         raise ExperimentError(f"the flight cannot start: {error}") from None
 
 
-def _pictures(experiment: Experiment, rerun: str | None) -> "Live | None":
+def _pictures(experiment: Experiment, rerun: str | Pictures | None) -> "Live | None":
     """Return the pictures of the flight in Rerun, which is imported only here; None without `rerun`."""
     if rerun is None:
         return None
     from heli_twin.viewing.live import Live
     from heli_twin.viewing.show import destination, scales_of
 
-    return Live(destination(rerun), scales_of(experiment))
+    where, required = (rerun, ()) if isinstance(rerun, str) else rerun
+    return Live(destination(where), scales_of(experiment)._replace(required=required))
 
 
 def _begin_log(

@@ -67,7 +67,7 @@ def run(parsed: Namespace) -> int:
     """
     from heli_twin.experiment.envelope import envelope_in
     from heli_twin.experiment.text import load
-    from heli_twin.mission import fly
+    from heli_twin.mission import Pictures, fly
 
     source, overrides = experiment_arguments(parsed)
     experiment, envelope = load(source, overrides), envelope_in(source)
@@ -77,7 +77,7 @@ def run(parsed: Namespace) -> int:
         result = fly(
             experiment,
             log_dir=None if parsed.no_log else parsed.log_dir,
-            rerun=parsed.rerun,
+            rerun=Pictures(parsed.rerun, requirements) if parsed.rerun and requirements else parsed.rerun,
             progress=lambda t: bar.update(task, completed=t),
             embed_source=parsed.embed_source,
         )

@@ -31,6 +31,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin replay logs/A.mcap logs/B.mcap --tab inputs\n"
         "  heli-twin replay logs/studies/mass           # every flight of a study\n"
         "  heli-twin replay logs/RUN.mcap --ghost calibration.toml   # beside what the twin predicts\n"
+        "  heli-twin replay logs/RUN.mcap --require hover   # and where it comes nearest to breaking a requirement\n"
         "  heli-twin replay logs/RUN.mcap --connect\n"
         "  heli-twin replay logs/RUN.mcap --web        # in a browser, also over SSH",
     )
@@ -46,6 +47,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "--port", type=int, default=WEB_PORT, metavar="N", help=f"of --web; N + 1 is used too (default {WEB_PORT})"
     )
     add_ghost(parser)
+    parser.add_argument("--require", metavar="REQ.toml|NAME", help="requirements, as `heli-twin judge` takes them")
     parser.add_argument(
         "--tab", default="", metavar="NAME", help="the plots in front, as `heli-twin snapshot` has them"
     )
@@ -67,8 +69,10 @@ def run(parsed: Namespace) -> int:
     from heli_twin.viewing.show import destination, flights, in_browser
 
     if len(parsed.logs) > 2 or any(path.is_dir() for path in parsed.logs):
+        if parsed.require:
+            raise HeliTwinError("--require judges one flight or two: name their logs")
         return show_table(parsed)
-    shown = flights(parsed.logs)
+    shown = flights(parsed.logs, parsed.require)
     if parsed.ghost:
         from heli_twin.validation.ghost import with_ghost
 

@@ -36,12 +36,13 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     parser.add_argument("--at", type=float, metavar="SECONDS", help="simulated time (default: the end of the flight)")
     parser.add_argument("--size", type=_size, default="1600x900", metavar="WxH", help="pixels (default 1600x900)")
     add_ghost(parser)
+    parser.add_argument("--require", metavar="REQ.toml|NAME", help="requirements, as `heli-twin judge` takes them")
     parser.add_argument(
         "--tab",
         default="",
         metavar="NAME",
         help="the plots to show: flight, position, inputs, air or computing; of two flights errors, difference,"
-        " position, inputs or controller (default: what has changed)",
+        " position, inputs or controller; with --require also requirements (default: what has changed)",
     )
 
 
@@ -51,7 +52,7 @@ def run(parsed: Namespace) -> int:
 
     if not parsed.picture.parent.is_dir():
         raise HeliTwinError(f"cannot write {parsed.picture}: there is no folder {parsed.picture.parent}")
-    shown = flights([path for path in (parsed.log, parsed.other) if path])
+    shown = flights([path for path in (parsed.log, parsed.other) if path], parsed.require)
     if parsed.ghost:
         from heli_twin.validation.ghost import with_ghost
 

@@ -10,7 +10,8 @@ from controllers.signals import Array, NamedState
 from heli_twin.lab.plant.shape import Primitive
 from heli_twin.recording.log import Log
 from heli_twin.recording.schema import LogError
-from heli_twin.terminal_text import instead
+from heli_twin.requirements import Requirement
+from heli_twin.terminal_text import clean, instead
 from heli_twin.viewing.style import INPUTS, POSITIONS, Source
 
 TIMELINE = "sim_time"
@@ -19,6 +20,10 @@ BESIDE = np.array([-0.45, -1.75, 0.75])
 right and a helicopter that flies north is seen from its side."""
 TRAIL_S = 2.0
 """Length of the flown path that is shown behind the helicopter."""
+
+
+MOST_REQUIREMENT_PLOTS = 5
+"""Requirements that have a plot; all are in the table."""
 
 
 class Scales(NamedTuple):
@@ -40,6 +45,8 @@ class Scales(NamedTuple):
     """Of the helicopter; empty for the mCX2."""
     present: frozenset[str] | None = None
     """The entities that have data; None while a flight lasts, when all may get some."""
+    required: tuple[Requirement, ...] = ()
+    """What the flight must do."""
     ranges: Mapping[str, tuple[float, float]] = {}
     """Range of the y axis of each plot, by its origin; one that is missing follows the data."""
 
@@ -146,8 +153,29 @@ def _tabs(scales: Scales) -> list[Tab]:
         Tab(
             "Further states", [plot(f"{state.name} [{state.unit}]", f"/states/{state.name}") for state in scales.states]
         ),
+        *([requirements_tab(scales.required)] if scales.required else []),
     ]
     return [kept for tab in tabs if (kept := _with_data(tab, scales)).plots]
+
+
+def requirements_tab(required: Sequence[Requirement], flights: Sequence[str] = ("",)) -> Tab:
+    """A table of the verdicts, and of the first requirements the signals that decide.
+
+    Args:
+        required: What the flights must do.
+        flights: Prefix of each flight's entities, such as `/A`.
+    """
+    plotted = required[:MOST_REQUIREMENT_PLOTS]
+    plots = [
+        plot(
+            f"{number} {clean(each.name, 30)}: {clean(each.formula, 90)}",
+            f"/requirements/{number}" if flights == ("",) else "/",
+            contents=[f"+ {flight}/requirements/{number}/**" for flight in flights],
+        )
+        for number, each in enumerate(plotted, 1)
+    ]
+    told = rrb.TextDocumentView(name="Requirements", origin="/requirements/told")
+    return Tab("Requirements", [told, *plots], [1 + 0.3 * len(required), *(2.0 for _ in plots)])
 
 
 INPUT_COLOURS = (": sent orange", ": acting blue", ": limits red", "")

@@ -6,12 +6,16 @@ A viewer that is missing, slow or dies costs its pictures and nothing else.
 import logging
 import sys
 from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
 from queue import Full, Queue
 from threading import Event, Thread
 from time import perf_counter
 
 import rerun as rr
 
+from heli_twin.errors import HeliTwinError
+from heli_twin.recording import read_log
 from heli_twin.recording.log import Log, Messages
 from heli_twin.recording.schema import LogError
 from heli_twin.viewing.blueprint import TIMELINE, Scales, layout
@@ -27,7 +31,8 @@ from heli_twin.viewing.delivery import (
 )
 from heli_twin.viewing.entities import Rows, entities, rows
 from heli_twin.viewing.ranges import ranges
-from heli_twin.viewing.style import floor_mark, send_static
+from heli_twin.viewing.requirements import Judged, judged, send_judged, send_table
+from heli_twin.viewing.style import ALONE, floor_mark, send_static
 
 SLICE_NS = 500_000_000
 """Simulated time that is handed over at once while flying."""
@@ -48,14 +53,15 @@ Slice = dict[str, tuple[list[int], list[bytes]]]
 """Times (ns) and messages of a piece of a flight, by topic."""
 
 
-def show(log: Log, destination: Destination, scales: Scales, tab: str = "") -> None:
+def show(log: Log, destination: Destination, scales: Scales, tab: str = "", found: Sequence[Judged] = ()) -> None:
     """Show a whole flight.
 
     Args:
         log: The flight.
         destination: Where it is shown.
         scales: What the plots compare with.
-        tab: Name of the plots in front; empty for the first.
+        tab: Name of the plots in front; empty for the first, or for those of requirements.
+        found: The verdicts on its requirements.
 
     Raises:
         LogError: No viewer listens or answers, the file cannot be written, or there is no such tab.
@@ -63,13 +69,24 @@ def show(log: Log, destination: Destination, scales: Scales, tab: str = "") -> N
     # Where the live picture has it, which knows the plan alone.
     planned, scales = scales.path, scales.for_log(log)
     floor = floor_mark(scales.path if planned is None else planned)
-    scales = scales._replace(present=entities(log, scales), ranges=ranges([log]))
+    plotted = {f"requirements/{number}" for number, each in enumerate(found, 1) if each.signals is not None}
+    present = entities(log, scales) | plotted | {"requirements/told"}
+    required = tuple(each.verdict.requirement for each in found)
+    scales = scales._replace(present=present, ranges=ranges([log]), required=required)
 
     def fill(stream: rr.RecordingStream) -> None:
         send_static(stream, source=scales.source, shape=scales.shape, floor=floor)
         send(stream, log, scales)
+        if found:
+            send_requirements(stream, found)
 
-    deliver(destination, layout(scales, tab), fill)
+    deliver(destination, layout(scales, tab or ("requirements" if found else "")), fill)
+
+
+def send_requirements(stream: rr.RecordingStream, found: Sequence[Judged]) -> None:
+    """Send the verdicts on a flight alone."""
+    send_judged(stream, found, ALONE)
+    send_table(stream, [("", found)])
 
 
 class Live:
@@ -87,6 +104,7 @@ class Live:
         """
         self._destination, self._scales = destination, scales
         self._slice: Slice = {}
+        self._found: Sequence[Judged] = ()
         self._due = SLICE_NS
         self._told = False
         self._over = Event()
@@ -104,6 +122,19 @@ class Live:
         times, messages = self._slice.setdefault(topic, ([], []))
         times.append(t)
         messages.append(data)
+
+    def judge(self, log: Path | BytesIO) -> None:
+        """Judge the flight by the requirements of the scales; the verdicts are shown after the waiting slices.
+
+        Args:
+            log: Of the whole flight.
+        """
+        if not self._scales.required:
+            return
+        try:
+            self._found = judged(self._scales.required, read_log(log))
+        except HeliTwinError as error:
+            self._tell(f"the picture has no requirements: {error}")
 
     def close(self) -> None:
         """Show the waiting slices and end the picture."""
@@ -133,6 +164,7 @@ class Live:
         while not self._over.wait(pause):
             pause = self._show_waiting()
         self._show_waiting()
+        self._show_found()
         self._close()
 
     def _show_waiting(self) -> float:
@@ -160,6 +192,15 @@ class Live:
         except Exception:
             _LOGGER.exception("the flight goes on without its picture")
             self._stream = None
+
+    def _show_found(self) -> None:
+        if self._stream is None or not self._found:
+            return
+        try:
+            send_requirements(self._stream, self._found)
+        # As above.
+        except Exception:
+            _LOGGER.exception("the picture has no requirements")
 
     def _close(self) -> None:
         if self._stream is None:

@@ -20,8 +20,10 @@ from heli_twin.logbook import planned_path, viewed_experiment
 from heli_twin.recording import Log, read_log
 from heli_twin.recording.log import Messages
 from heli_twin.recording.schema import LAYOUTS
+from heli_twin.requirements import Requirement, requirements_of
 from heli_twin.viewing.blueprint import Scales
 from heli_twin.viewing.live import Destination, show
+from heli_twin.viewing.requirements import Judged, judged
 from heli_twin.viewing.two_flights import ComparedFlight, show_both
 from heli_twin.viewing.viewer_process import picture, web_viewer
 from heli_twin.whole_file import write_whole
@@ -59,6 +61,8 @@ class ShownFlights(NamedTuple):
     names: Sequence[str]
     ghost: str = ""
     """What predicted the second flight; empty if it was flown."""
+    requirements: tuple[Requirement, ...] = ()
+    """By which they are judged, a predicted one excepted."""
 
     @property
     def duration(self) -> float:
@@ -72,7 +76,7 @@ class ShownFlights(NamedTuple):
             LogError: No viewer listens or answers, or the file cannot be written.
         """
         flights = [
-            ComparedFlight(with_truth(log), scales_of(experiment).for_source(log), name)
+            ComparedFlight(with_truth(log), scales_of(experiment).for_source(log), name, found=self._judged(log))
             for log, experiment, name in zip(self.logs, self.experiments, self.names, strict=True)
         ]
         first, *others = flights
@@ -81,18 +85,29 @@ class ShownFlights(NamedTuple):
             rival = others[0]._replace(is_ghost=bool(self.ghost))
             show_both(first, rival, predicted or differences(*self.experiments), where, tab)
         else:
-            show(first.log, where, first.scales, tab)
+            show(first.log, where, first.scales, tab, first.found)
+
+    def _judged(self, log: Log) -> Sequence[Judged]:
+        is_predicted = bool(self.ghost) and log is not self.logs[0]
+        return judged(self.requirements, log) if self.requirements and not is_predicted else ()
 
 
-def flights(paths: Sequence[Path]) -> ShownFlights:
+def flights(paths: Sequence[Path], requirements: str | None = None) -> ShownFlights:
     """Read logs to show.
+
+    Args:
+        paths: Of one or two logs.
+        requirements: A file, or the name of a shipped one; None for none.
 
     Raises:
         LogError: A log cannot be read.
+        RequirementError: The requirements cannot be read.
         ExperimentError: It was flown by another version, whose experiment this one does not know.
     """
+    required = () if requirements is None else requirements_of(requirements)
     logs = [read_log(path) for path in paths]
-    return ShownFlights(logs, [viewed_experiment(log) for log in logs], [path.name for path in paths])
+    names = [path.name for path in paths]
+    return ShownFlights(logs, [viewed_experiment(log) for log in logs], names, requirements=required)
 
 
 def with_truth(log: Log) -> Log:

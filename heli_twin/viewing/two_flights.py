@@ -10,11 +10,12 @@ import rerun.blueprint as rrb
 from controllers.rotations import wrap_angle
 from controllers.signals import Array
 from heli_twin.recording.log import Log, Times
-from heli_twin.viewing.blueprint import COMPUTING, Scales, Tab, blueprint, in_tabs, plot, scene
+from heli_twin.viewing.blueprint import COMPUTING, Scales, Tab, blueprint, in_tabs, plot, requirements_tab, scene
 from heli_twin.viewing.delivery import Destination, deliver
 from heli_twin.viewing.entities import Rows, scalars, tracking
 from heli_twin.viewing.live import send, send_rows
 from heli_twin.viewing.ranges import ROW_PX, Range, labelled, ranges
+from heli_twin.viewing.requirements import Judged, comparable, send_judged, send_table
 from heli_twin.viewing.style import (
     AXES,
     FLOWN,
@@ -49,6 +50,8 @@ class ComparedFlight(NamedTuple):
     """The log file's."""
     is_ghost: bool = False
     """True if it was predicted and not flown."""
+    found: Sequence[Judged] = ()
+    """The verdicts on its requirements."""
 
 
 def show_both(
@@ -70,8 +73,12 @@ def show_both(
     Raises:
         LogError: No viewer listens or answers, the file cannot be written, or there is no such tab.
     """
+    if a.found and b.found:
+        both = comparable(a.found, b.found)
+        a, b = a._replace(found=both[0]), b._replace(found=both[1])
     flights = [flight._replace(scales=flight.scales.for_log(flight.log)) for flight in (a, b)]
-    in_front = tab or ("inputs" if "resolve" in (a.log.origin, b.log.origin) else "")
+    usual = "inputs" if "resolve" in (a.log.origin, b.log.origin) else "requirements" if a.found else ""
+    in_front = tab or usual
 
     floor = floor_mark(_paths(flights))
 
@@ -83,9 +90,13 @@ def show_both(
             send(stream, flight.log, flight.scales, look.path(""))
             for entity_rows in _errors(flight.log, look):
                 send_rows(stream, entity_rows)
+            send_judged(stream, flight.found, look)
         for entity_rows in _difference(a.log, b.log):
             send_rows(stream, entity_rows)
         _send_styles(stream, flights)
+        told = [(look.name, flight.found) for look, flight in zip(LOOKS, flights, strict=True) if flight.found]
+        if told:
+            send_table(stream, told)
         text = rr.TextDocument(document(flights, differences), media_type=rr.MediaType.MARKDOWN)
         stream.log("differences", text, static=True)
 
@@ -158,7 +169,7 @@ def _layout(flights: Sequence[ComparedFlight], differences: Sequence[FieldDiffer
             rrb.TextLogView(
                 name="Events",
                 origin="/",
-                contents=_of_both("events"),
+                contents=_of_both("events/**"),
                 columns=rrb.TextLogColumns(text_log_columns=["EntityPath", "LogLevel", "Body"]),
             ),
         ),
@@ -206,7 +217,9 @@ def _tabs(flights: Sequence[ComparedFlight]) -> list[Tab]:
     computing = [plot(f"{look.name}, {COMPUTING}", f"/{look.name}/computing") for look in LOOKS]
     controller = Tab("Controller", [state, *computing], [1, 1, 1])
     is_planned = any(len(flight.log.reference.time) for flight in flights)
-    return [*([errors] if is_planned else []), apart, position, inputs, controller]
+    required = [each.verdict.requirement for each in first.found]
+    judged = [requirements_tab(required, [f"/{look.name}" for look in LOOKS])] if required else []
+    return [*([errors] if is_planned else []), apart, position, inputs, controller, *judged]
 
 
 def _range(values: Array) -> tuple[float, float] | None:

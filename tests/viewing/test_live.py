@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from threading import Event, Thread
 
@@ -17,9 +18,11 @@ import pytest
 
 from controllers.signals import Pose
 from heli_twin.recording import Log, LogError, Recorder
+from heli_twin.requirements import requirements_of
 from heli_twin.viewing import delivery, viewer_process
 from heli_twin.viewing.blueprint import Scales
 from heli_twin.viewing.live import Destination, Live, show
+from heli_twin.viewing.requirements import judged
 from heli_twin.viewing.viewer_process import headless
 
 Record = Callable[..., Recorder]
@@ -41,10 +44,13 @@ def rerun(*arguments: object) -> None:
 
 
 def test_live_equals_replay(record: Record, tmp_path: Path) -> None:
-    live = Live(Destination(tmp_path / "live.rrd"), SCALES)
+    required = requirements_of({"near": "always error.position < 1 cm", "late": "always[9s,end] touching"})
+    live = Live(Destination(tmp_path / "live.rrd"), SCALES._replace(required=required))
     recorder = record(seconds=2.3, listeners=[live])
+    live.judge(BytesIO(recorder.stream.getvalue()))
     live.close()
-    show(recorder.log(), Destination(tmp_path / "replay.rrd"), SCALES)
+    found = judged(required, recorder.log())
+    show(recorder.log(), Destination(tmp_path / "replay.rrd"), SCALES, found=found)
     for name in ("live", "replay"):
         rerun("rrd", "optimize", tmp_path / f"{name}.rrd", "-o", tmp_path / f"{name}.whole.rrd")
     rerun("rrd", "compare", "--unordered", tmp_path / "live.whole.rrd", tmp_path / "replay.whole.rrd")
