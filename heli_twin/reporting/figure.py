@@ -64,6 +64,8 @@ class Heat(NamedTuple):
     """Centred on zero."""
     limits: tuple[float, float] | None = None
     commands: Sequence[Sequence[str]] = ()
+    dashed: Sequence[float] = ()
+    """Further levels of the failure rate, whose contours are dashed."""
 
 
 Mark = Curve | Bars | Dots | Heat
@@ -139,6 +141,13 @@ def edges(centres: Array, log: bool) -> Array:
     if log:
         return np.exp(at)
     return np.maximum(at, 0.0) if centres[0] >= 0.0 else at
+
+
+def crossed(values: Array, *levels: float) -> list[float]:
+    """Return the levels that some values reach and others do not, so that a contour can be drawn."""
+    if not np.isfinite(values).any():
+        return []
+    return [level for level in levels if np.nanmax(values) >= level > np.nanmin(values)]
 
 
 BARS_SENTENCE = "Coloured bars raise it, grey ones lower it"

@@ -148,6 +148,36 @@ def sobol(A: Array, B: Array, AB: Array) -> Sensitivity:
     return Sensitivity(first, total)
 
 
+class Screening(NamedTuple):
+    """Morris' measures of each axis."""
+
+    mu_star: list[Interval]
+    """Mean size of the elementary effects."""
+    sigma: list[Interval]
+    """Their standard deviation."""
+
+
+def screening(effects: Array) -> Screening:
+    """Mean size and standard deviation of elementary effects with intervals over the trajectories.
+
+    Student's t for the mean, the chi-square distribution for the deviation. An effect that shows itself in few places
+    only, a crash in one corner, may be in none of the trajectories, and then in no interval either.
+
+    Args:
+        effects: (trajectories, axes).
+
+    Source: Campolongo, Cariboni and Saltelli, Environmental Modelling & Software 22 (2007) 1509.
+    """
+    from scipy.stats import chi2
+
+    n = len(effects)
+    deviations = effects.std(axis=0, ddof=1)
+    low, high = (float(np.sqrt((n - 1) / chi2.ppf(p, n - 1))) for p in (0.5 + 0.5 * CONFIDENCE, 0.5 - 0.5 * CONFIDENCE))
+    sigma = [Interval(float(s), float(s * low), float(s * high), n) for s in deviations]
+    means = [mean_interval(np.abs(column)) for column in effects.T]
+    return Screening([found._replace(low=max(found.low, 0.0)) for found in means], sigma)
+
+
 class GroupedMean(NamedTuple):
     """Means of groups that are numbered 0, 1, ..."""
 

@@ -18,6 +18,7 @@ from heli_twin.reporting.figure import (
     Mark,
     Panel,
     color,
+    crossed,
     edges,
     is_negative,
     shades,
@@ -144,13 +145,16 @@ def _heat(panel: Panel, mark: Heat) -> Iterator[Trace]:
     yield trace
     if max(mark.values.shape) <= CELLS_WITH_NUMBERS:
         yield _numbers(mark)
-    if mark.failure is not None and np.nanmax(mark.failure) >= CONTOUR_RATE > np.nanmin(mark.failure):
-        line = {"coloring": "none", "start": CONTOUR_RATE, "end": CONTOUR_RATE, "size": 1}
-        yield {
-            "type": "contour", "x": _list(mark.x), "y": _list(mark.y), "z": [_list(row) for row in mark.failure],
-            "contours": line, "line": {"color": "black", "width": 3}, "hoverinfo": "skip", "showlegend": False,
-            "showscale": False,
-        }  # fmt: skip
+    if mark.failure is not None:
+        z = [_list(row) for row in mark.failure]
+        for level in crossed(mark.failure, CONTOUR_RATE, *mark.dashed):
+            is_main = level == CONTOUR_RATE
+            yield {
+                "type": "contour", "x": _list(mark.x), "y": _list(mark.y), "z": z,
+                "contours": {"coloring": "none", "start": level, "end": level, "size": 1},
+                "line": {"color": "black", "width": 3} if is_main else {"color": "black", "width": 1.5, "dash": "dash"},
+                "hoverinfo": "skip", "showlegend": False, "showscale": False,
+            }  # fmt: skip
 
 
 def _numbers(mark: Heat) -> Trace:

@@ -17,6 +17,7 @@ from heli_twin.reporting.figure import (
     Mark,
     Panel,
     color,
+    crossed,
     edges,
     is_negative,
     power,
@@ -175,8 +176,11 @@ def _heat(axes: "Axes", mark: Heat, panel: Panel) -> None:
     axes.figure.colorbar(picture, ax=axes, label=mark.unit)
     if max(mark.values.shape) <= CELLS_WITH_NUMBERS // 2:
         _numbers(axes, mark, picture)
-    if mark.failure is not None and np.nanmax(mark.failure) >= CONTOUR_RATE > np.nanmin(mark.failure):
-        axes.contour(mark.x, mark.y, mark.failure, [CONTOUR_RATE], colors="black", linewidths=1.5)
+    if mark.failure is not None:
+        for level in crossed(mark.failure, CONTOUR_RATE, *mark.dashed):
+            dashes: Any = "solid" if level == CONTOUR_RATE else "dashed"
+            width = 1.5 if level == CONTOUR_RATE else 0.8
+            axes.contour(mark.x, mark.y, mark.failure, [level], colors="black", linewidths=width, linestyles=dashes)
 
 
 def _numbers(axes: "Axes", mark: Heat, picture: Any) -> None:

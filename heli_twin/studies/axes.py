@@ -198,6 +198,14 @@ def extremes(axis: Axis) -> list[Any]:
     return [_tidy(axis.quantile(p)) for p in ends]
 
 
+def share_of(axis: Axis, value: float) -> float:
+    """Return the share of a range (`linspace`, `logspace`, `uniform`) below a value, whose `quantile` it is."""
+    if isinstance(axis, Logspace):
+        return math.log(value / axis.start) / math.log(axis.stop / axis.start)
+    low, high = axis.quantile(0.0), axis.quantile(1.0)
+    return (value - low) / (high - low)
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 

@@ -26,7 +26,9 @@ values = st.recursive(leaves, lambda inner: st.lists(inner, max_size=4) | st.dic
 ranges = st.sampled_from(("linspace", "logspace", "normal", "uniform")).flatmap(
     lambda kind: st.lists(numbers, min_size=2, max_size=3).map(lambda args: {kind: args})
 )
-kinds = st.sampled_from(("grid", "ladder", "latin_hypercube", "margin", "one_at_a_time", "sobol", "worst_case"))
+kinds = st.sampled_from(
+    ("grid", "ladder", "latin_hypercube", "margin", "morris", "boundary", "one_at_a_time", "sobol", "worst_case")
+)
 designs = kinds | st.fixed_dictionaries({"kind": kinds}, optional={"points": numbers, "n": numbers, "trials": numbers})
 axes = st.dictionaries(st.sampled_from(PATHS) | texts, ranges | st.lists(values, max_size=4) | values, max_size=3)
 studies = st.dictionaries(texts, values, max_size=3) | st.fixed_dictionaries(

@@ -10,11 +10,13 @@ from heli_twin.reporting.figure import Figure, Table
 from heli_twin.reporting.html_page import Section, html_page, json_block, table_section
 from heli_twin.reporting.svg import write_svg
 from heli_twin.studies.errors import StudyError
+from heli_twin.studies.report.boundary import boundary
 from heli_twin.studies.report.effort import effort, timing
 from heli_twin.studies.report.fairness import fairness, stability
 from heli_twin.studies.report.ladder import ladder
 from heli_twin.studies.report.maps import maps
 from heli_twin.studies.report.margins import margins
+from heli_twin.studies.report.morris import morris
 from heli_twin.studies.report.rare_event import rare_event
 from heli_twin.studies.report.results import Results, results_of
 from heli_twin.studies.report.search import search
@@ -30,7 +32,9 @@ SECTIONS = (
     ladder,
     tornado,
     maps,
+    boundary,
     margins,
+    morris,
     sensitivity,
     search,
     rare_event,
@@ -42,7 +46,7 @@ SECTIONS = (
 )
 """The sections of a report in their order; one that does not fit the study yields nothing."""
 
-OF_WHOLE_DESIGNS = (ladder, tornado, maps, margins, sensitivity, search, rare_event)
+OF_WHOLE_DESIGNS = (ladder, tornado, maps, boundary, margins, morris, sensitivity, search, rare_event)
 """Sections that compare the points of a design: they are left out while some of its runs are invalid."""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from heli_twin.reporting.figure import Array, Dots, Figure, Panel
 from heli_twin.reporting.intervals import Interval, Sensitivity, sobol
 from heli_twin.reporting.words import number
-from heli_twin.studies.report.results import Results
+from heli_twin.studies.report.results import INDEPENDENT_SENTENCE, Results
 
 
 def sensitivity(results: Results) -> Iterator[Figure]:
@@ -29,7 +29,7 @@ def sensitivity(results: Results) -> Iterator[Figure]:
         ranked = ", ".join(f"{paths[i]} {number(found.total[i].value, 2)}" for i in order[:3])
         sentences.append(f"{alternative}: total order {ranked}")
     kept = f"score with failures penalised, {len(results):,} flights; intervals over the drawn points"
-    text = "; ".join(sentences) + f" ({kept}){results.one_seed}."
+    text = "; ".join(sentences) + f" ({kept}){results.one_seed}. {INDEPENDENT_SENTENCE}"
     yield Figure("sobol", "Sobol indices", text, panels)
 
 
