@@ -10,11 +10,12 @@ from in_process import InProcess
 
 from heli_twin import HeliTwinError, fly, load
 from heli_twin.cli import main
+from heli_twin.recording import read_log
 from heli_twin.studies.browse import table_of
 from heli_twin.studies.campaign import run_study
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import study_of
-from heli_twin.viewing.flight_table import FLIGHT, FlightTable, served
+from heli_twin.viewing.flight_table import FLIGHT, FlightTable, served, thinned
 
 GUST = "disturbances.gust.strength"
 
@@ -78,6 +79,14 @@ def test_the_server_has_a_row_a_flight_and_a_recording_a_log(study: Path) -> Non
         assert sorted(link.partition("segment_id=")[2] for link in links if link) == sorted(dataset.segment_ids())
         assert rows.column("column_0").to_pylist() == flights.columns.column("outcome").to_pylist()
         assert len(dataset.blueprints()) == len(table.blueprints()) == 1
+
+
+def test_flights_far_down_are_shown_at_a_tenth_of_their_samples(run: Path) -> None:
+    log = read_log(run)
+    few = thinned(log, 10)
+    assert few.truth.time.tolist() == log.truth.time[::10].tolist()
+    assert (few.events, len(few.reference_paths)) == (log.events, len(log.reference_paths))
+    assert thinned(log, 1).messages == log.messages
 
 
 def test_without_rerun_s_catalog_it_says_what_to_install(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
