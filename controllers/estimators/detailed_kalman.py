@@ -13,7 +13,7 @@ from controllers.detailed_model import ESTIMATED_STATES, GUST, PUSH, TRIM, A, De
 from controllers.detailed_motion import IN_WORLD, Motion, advance, tilt_of, turn
 from controllers.estimators.kalman import heading
 from controllers.model import GRAVITY, Model
-from controllers.pose_screen import PoseScreen, ScreenSettings
+from controllers.pose_screen import PoseScreen, ScreenSettings, errors
 from controllers.rotations import wrap_angle
 from controllers.servo_play import ServoPlay
 from controllers.signals import Array, Estimate, NamedState, Pose, nanoseconds
@@ -99,9 +99,9 @@ class DetailedKalmanFilter:
         slow = np.array([spec.camera_bias] * 3 + [0.0])
         self._R, noise = white**2, np.hypot(white, slow)
         self._tilt_variance = (GRAVITY * spec.angle_noise) ** 2
-        stray = np.array([spec.stray_speed] * 3 + [spec.stray_yaw_rate])
-        jump_time = nanoseconds(spec.jump_time)
-        self._screen = PoseScreen(ScreenSettings(spec.gate, spec.reset_after, True, jump_time, noise, stray))
+        speed, jump_time = spec.stray_speed, nanoseconds(spec.jump_time)
+        stray = (speed, speed, speed, spec.stray_yaw_rate)
+        self._screen = PoseScreen(ScreenSettings(spec.gate, spec.reset_after, True, jump_time, errors(noise), stray))
         # Some millimetres are the cameras' error.
         self._stands_below = spec.floor + 0.003
         self._transition = lru_cache(64)(self._transition_over)
@@ -183,10 +183,12 @@ class DetailedKalmanFilter:
         above = pose.position[2] - motion.z[0] - motion.camera_bias[2]
         innovation = np.array([ahead, aside, above, wrap_angle(measured_yaw - motion.yaw[0])])
         variance = np.concatenate([_seen(spread.plane)[1], _seen(spread.chains)[1]]) + self._R
-        if self._screen.is_frozen(pose, innovation):
+        found = errors(innovation)
+        if self._screen.is_frozen(pose, found):
             self._rejected += 1
             return
-        verdict, innovation = self._screen.judge(stamp, since, innovation, variance)
+        verdict, found = self._screen.judge(stamp, since, found, errors(variance))
+        innovation = np.array(found)
         self.innovation = innovation, variance
         if verdict != "fuse":
             self._rejected += 1

@@ -1,6 +1,7 @@
 """Kalman filter on poses and command history, rolled forward to the moment the next command acts."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from math import atan2, cos, exp, isfinite, sin
@@ -10,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.model import Input, Model, Push, State, simulator
-from controllers.pose_screen import PoseScreen, ScreenSettings
+from controllers.pose_screen import Errors, PoseScreen, ScreenSettings
 from controllers.rotations import wrap_angle
 from controllers.signals import Array, Estimate, Pose, nanoseconds
 
@@ -71,9 +72,9 @@ class KalmanFilter:
     def __init__(self, spec: Kalman, model: Model) -> None:
         self._spec = spec
         self._delay = nanoseconds(spec.command_delay)
-        noise = np.array([spec.position_noise] * 3 + [spec.yaw_noise])
-        self._R = (noise**2).tolist()
-        stray = np.array([spec.stray_speed] * 3 + [spec.stray_yaw_rate])
+        place, speed = spec.position_noise, spec.stray_speed
+        noise, stray = (place, place, place, spec.yaw_noise), (speed, speed, speed, spec.stray_yaw_rate)
+        self._R = [deviation**2 for deviation in noise]
         jump_time = nanoseconds(spec.jump_time)
         # Some millimetres are the cameras' error.
         self._stands_below = spec.floor + 0.003
@@ -93,12 +94,10 @@ class KalmanFilter:
         self._d = self._d_mean = (0.0, 0.0, 0.0, 0.0)
         self._mean_time, self._averaged = nanoseconds(spec.mean_time), 0
         """Time over which the mean disturbance is taken so far, ns."""
-        self._P: list[Spread] = []
+        self._P: Sequence[Spread] = ()
         self._stamp, self._age = -1, 0
         self._rejected = 0
-        self.innovation: tuple[Array, Array] | None = None
-        """Of the last pose that was compared with a prediction, fused or refused: measured minus predicted x y z yaw
-        (4,), and its variance (4,)."""
+        self._compared: tuple[Errors, Errors] | None = None
 
     def command_sent(self, now: int, u: Array) -> None:
         """Remember the input u (4,) decided at `now` (ns): it acts `command_delay` later."""
@@ -114,10 +113,10 @@ class KalmanFilter:
             now: When it arrived, ns.
             pose: What the cameras measured.
         """
-        self.innovation = None
+        self._compared = None
         x, y, z = pose.position.tolist()
         yaw = heading(pose.quat_wxyz)
-        if not all(map(isfinite, (x, y, z, yaw))) or pose.stamp <= self._stamp:
+        if not isfinite(x + y + z + yaw) or pose.stamp <= self._stamp:
             self._rejected += 1
             return
         measured = (x, y, z, yaw)
@@ -126,6 +125,12 @@ class KalmanFilter:
         else:
             self._fuse(pose, measured)
         self._age = now - pose.stamp
+
+    @property
+    def innovation(self) -> tuple[Array, Array] | None:
+        """Of the last pose that was compared with a prediction, fused or refused: measured minus predicted x y z yaw
+        (4,), and its variance (4,)."""
+        return self._compared and (np.array(self._compared[0]), np.array(self._compared[1]))
 
     def estimate(self, now: int) -> Estimate | None:
         """The state at the time when a command sent at `now` acts.
@@ -143,7 +148,7 @@ class KalmanFilter:
         stamp = now + self._delay if self._spec.roll_forward else now
         until = stamp if self._spec.roll_forward else now - self._age
         x = self._predict(self._x, self._stamp, until)
-        variance = np.array([p for P in self._spread(until) for p in P[::3] + P[5:]]).reshape(4, 3)
+        variance = np.array([(p00, p11, p22) for p00, _, _, p11, _, p22 in self._spread(until)])
         return Estimate(stamp, np.array(x), np.array(self._push(until)), variance, self._stamp, self._rejected)
 
     def covariance(self, until: int) -> Array:
@@ -161,24 +166,24 @@ class KalmanFilter:
         assert self._x is not None
         stamp, since = pose.stamp, self._stamp
         x, d = self._predict(self._x, since, stamp), self._push(stamp)
-        yaw_error = wrap_angle(measured[3] - x[3])
-        innovation = np.array([measured[0] - x[0], measured[1] - x[1], measured[2] - x[2], yaw_error])
+        mx, my, mz, m_yaw = measured
+        innovation: Errors = (mx - x[0], my - x[1], mz - x[2], wrap_angle(m_yaw - x[3]))
         spread = self._spread(stamp)
-        S = np.array([P[0] + R for P, R in zip(spread, self._R, strict=True)])
+        S: Errors = (*[P[0] + R for P, R in zip(spread, self._R, strict=True)],)
         if self._screen.is_frozen(pose, innovation):
             self._rejected += 1
             return
         verdict, innovation = self._screen.judge(stamp, since, innovation, S)
-        self.innovation = innovation, S
+        self._compared = innovation, S
         if verdict != "fuse":
             self._rejected += 1
             if verdict == "restart":
                 # The predicted motion is still the best guess, but its covariance is not valid any more.
-                self._restart(stamp, _corrected(x, (*innovation.tolist(),), (0.0, 0.0, 0.0, 0.0)))
+                self._restart(stamp, _corrected(x, innovation, (0.0, 0.0, 0.0, 0.0)))
             return
-        fused = [*map(_fused, spread, S.tolist(), innovation.tolist())]
-        self._P = [P for P, _ in fused]
-        _, ((dx, dvx, dax), (dy, dvy, day), (dz, dvz, daz), (dyaw, dr, dar)) = zip(*fused, strict=True)
+        left, changes = zip(*map(_fused, spread, S, innovation), strict=True)
+        (dx, dvx, dax), (dy, dvy, day), (dz, dvz, daz), (dyaw, dr, dar) = changes
+        self._P = left
         self._x = _corrected(x, (dx, dy, dz, dyaw), (dvx, dvy, dvz, dr))
         self._d = (d[0] + dax, d[1] + day, d[2] + daz, d[3] + dar)
         self._average(stamp - since)
