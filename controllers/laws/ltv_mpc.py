@@ -95,24 +95,26 @@ class LtvMpcController(RecedingHorizon):
         if self._closed and hover.parts[0] is not None:
             plane = Planar(hover.parts[0], self._weights.of(parts[0]))
         super().__init__(spec, parts, self._weights, hover, plane)
-        self._integral, self._last_error = np.zeros(2), np.zeros(2)
+        self._integral = self._last_error = (0.0, 0.0)
         self._half_step = 0.5 * spec.k_i * spec.period
 
     def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
         """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
         spec = self._spec
-        error = estimate.x[:2] - reference.x[0, :2]
+        (x, y), (x_ref, y_ref) = estimate.x[:2].tolist(), reference.x[0, :2].tolist()
+        error_x, error_y = x - x_ref, y - y_ref
         # A helicopter on its way to a distant reference is not pushed away by anything.
-        if hypot(*error.tolist()) <= spec.integral_zone:
-            self._integral += self._half_step * (error + self._last_error)
-        self._last_error = error
+        if hypot(error_x, error_y) <= spec.integral_zone:
+            (last_x, last_y), (x_int, y_int), half = self._last_error, self._integral, self._half_step
+            self._integral = (x_int + half * (error_x + last_x), y_int + half * (error_y + last_y))
+        self._last_error = (error_x, error_y)
         push, u_ref = NO_PUSH, reference.u
         if spec.offset_free != "off":
             cancelled = _CANCELLED[spec.offset_free] * estimate.disturbance
             ax, ay, az, a_yaw = cancelled.tolist()
             push, u_ref = (ax, ay, az, a_yaw), u_ref - _as_input(spec.model, cancelled, reference.x[:-1, 3])
         u_nominal = self.nominal(u_ref)
-        flight = np.concatenate([estimate.x, self._integral]), u_nominal, reference.x[:, :2], push
+        flight = np.array((*estimate.x.tolist(), *self._integral)), u_nominal, reference.x[:, :2], push
         if self._closed:
             ltv = Ltv(_NO_MATRICES, self._linearise.rollout(*flight), u_nominal)
         else:

@@ -160,8 +160,8 @@ class Failing:
         self._fails, self._calls, self.solve_ns = fails, 0, 0
         monkeypatch.setattr(receding, "ProxQp", self._of_sample)
 
-    def _of_sample(self, sample, inputs):
-        self._solver = ProxQp(sample, inputs)
+    def _of_sample(self, *sample, **settings):
+        self._solver = ProxQp(*sample, **settings)
         return self
 
     def __call__(self, qp):
