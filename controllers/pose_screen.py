@@ -109,11 +109,8 @@ class PoseScreen:
         return ("restart" if believed else "refuse"), innovation
 
     def _outside(self, innovation: Errors, variance: Errors) -> bool:
-        gate = self._settings.gate
-        for error, allowed in zip(innovation, variance, strict=True):
-            if error * error > gate * allowed:
-                return True
-        return False
+        gate, (x, y, z, yaw), (var_x, var_y, var_z, var_yaw) = self._settings.gate, innovation, variance
+        return x * x > gate * var_x or y * y > gate * var_y or z * z > gate * var_z or yaw * yaw > gate * var_yaw
 
     def _within_reach(self, moved: Errors, time: int) -> bool:
         """Return whether a helicopter can stray so far from its prediction in a time (ns)."""

@@ -66,8 +66,8 @@ class Solution(NamedTuple):
     objective: float
     """1/2 du'H du + g'du, and the penalty of the softening."""
     multipliers: Array
-    """Multipliers of all bounds, of the scaled cost: a view of the solver's memory, valid until its next solve; empty if
-    no bound is active."""
+    """Multipliers of all bounds, of the scaled cost: a view of the solver's memory, valid until its next solve; empty
+    if no bound is active."""
 
     @property
     def active_bounds(self) -> int:
@@ -78,9 +78,9 @@ class Solution(NamedTuple):
 class ProxQp:
     """Solves one condensed QP a control step: first with hard velocity bounds, then with softened ones.
 
-    Where a bound is active, ProxQP starts from the minimiser without inequalities, its own default guess. A solve depends
-    on nothing but its QP. A warm start is worse: it takes twice the iterations, and after a bound was relaxed the old solution was
-    accepted without any (ProxSuite #168).
+    Where a bound is active, ProxQP starts from the minimiser without inequalities, its own default guess. A solve
+    depends on nothing but its QP. A warm start is worse: it takes twice the iterations, and after a bound was relaxed
+    the old solution was accepted without any (ProxSuite #168).
 
     An infeasible dense QP can take ProxQP minutes, and an almost infeasible one as long (ProxSuite #291): both attempts
     have a limit on their iterations.

@@ -128,8 +128,10 @@ class KalmanFilter:
 
     @property
     def innovation(self) -> tuple[Array, Array] | None:
-        """Of the last pose that was compared with a prediction, fused or refused: measured minus predicted x y z yaw
-        (4,), and its variance (4,)."""
+        """Innovation (4,) of x y z yaw and its variance (4,), of the last pose that was compared with a prediction.
+
+        Fused or refused, it is measured minus predicted.
+        """
         return self._compared and (np.array(self._compared[0]), np.array(self._compared[1]))
 
     def estimate(self, now: int) -> Estimate | None:
