@@ -113,8 +113,8 @@ A study file asks one question:
   [axes]          what is swept, any field by its path: a list of values, or { linspace = [FROM, TO, COUNT] },
                     { logspace = [FROM, TO, COUNT] }, { uniform = [FROM, TO] }, { normal = [MEAN, DEVIATION] }:
                     "plant.mass" = { linspace = [0.024, 0.034, 5] }
-  [design]        which points of the axes are flown: grid (all), one_at_a_time, latin_hypercube, morris, sobol,
-                    margin, boundary, worst_case, rare_event, ladder, or a class of your own
+  [design]        which points of the axes are flown: grid (all), one_at_a_time, latin_hypercube, monte_carlo, morris,
+                    sobol, margin, boundary, worst_case, rare_event, ladder, or a class of your own
   replicates      flights of each point; every point and alternative flies the same seeds. "auto" with a half_width:
                     as many as give each mean score a 95 % interval of +- half_width
   score, metrics  what ranks flights, and what else the report compares
@@ -156,11 +156,23 @@ def run_(parsed: Namespace) -> int:
         if not (out / FILE).exists():
             say("measuring the stability margins of each alternative")
             measure_margins(out)
+    tell(out)
     if not parsed.no_report:
         from heli_twin.studies.report import write_report
 
         say(f"report {write_report(out)}")
     return 1 if {"killed", "hung", "error", "invalid"} & count.failed.keys() else 0
+
+
+def tell(folder: Path) -> None:
+    """Print the answer of a study that asks how often a flight fails."""
+    from heli_twin.studies.report.bounds import told_bounds
+    from heli_twin.studies.report.rare_event import told_rare_event
+    from heli_twin.studies.report.results import results_of
+
+    results = results_of(folder)
+    for line in (*told_bounds(results), *told_rare_event(results)):
+        say(line)
 
 
 def warn_outside(study: "Study") -> None:

@@ -210,3 +210,39 @@ def grouped_mean(group: NDArray[np.int64], values: Array, groups: int) -> Groupe
         variance = np.where(variance <= (1e-10 * mean) ** 2, 0.0, variance)
         half = t.ppf(0.5 + 0.5 * CONFIDENCE, np.maximum(n - 1, 1)) * np.sqrt(variance / n)
     return GroupedMean(mean, mean - half, mean + half, n)
+
+
+def shown_share(failures: int, n: int) -> float:
+    """The share of all flights that do not fail at least, with 95 % confidence, when so many of n failed.
+
+    Of 59 flights without a failure 95 %: Wilks's bound; with failures the exact limit of Clopper and Pearson.
+
+    Source: Wilks, Annals of Mathematical Statistics 12 (1941) 91; Clopper and Pearson, Biometrika 26 (1934) 404.
+    """
+    from scipy.special import betaincinv
+
+    return 0.0 if failures >= n else float(betaincinv(n - failures, failures + 1.0, 1.0 - CONFIDENCE))
+
+
+def flights_to_show(share: float) -> int:
+    """The number of flights without a failure that show this share with 95 % confidence."""
+    return int(np.ceil(np.log(1.0 - CONFIDENCE) / np.log(share) - 1e-9))
+
+
+def tolerance_bound(values: Array, share: float = 0.95) -> float:
+    """The least of independent values that at least this share of all values does not exceed, with 95 % confidence.
+
+    Args:
+        values: (n,) infinite for a flight that crashed.
+        share: Of all values.
+
+    Returns:
+        Infinite if there are too few values: 59 are needed for 95 %.
+
+    Source: Wilks, Annals of Mathematical Statistics 12 (1941) 91.
+    """
+    from scipy.stats import binom
+
+    # The r-th smallest is below that quantile when r values or more are: it must not happen in more than 5 % of cases.
+    rank = int(binom.ppf(CONFIDENCE, len(values), share)) + 1
+    return float(np.sort(values)[rank - 1]) if rank <= len(values) else float("inf")

@@ -126,6 +126,8 @@ class Campaign:
         self._worst: list[float] = []
         """The worst scores of this launch, as a heap with the least of them first."""
         self._failures_kept = 0
+        self._kept: set[str] = set()
+        """Ids of the runs whose logs the design asks for."""
         self.code = store.code_of(file_hash()) or code_hash()
 
     def about(self) -> dict[str, Any]:
@@ -175,6 +177,7 @@ class Campaign:
         under_way: set[str] = set()
         while chunk := list(islice(runs, RUNS_PER_TRANSACTION)):
             self.store.ask(enumerate(chunk, self._next_run))
+            self._kept |= {run.id for run in chunk if run.keep}
             for n, run in enumerate(chunk, self._next_run):
                 if run.id in under_way or self.store.has(run.id):
                     self.progress.done += 1
@@ -196,7 +199,7 @@ class Campaign:
             id=run.id,
             experiment=run.experiment,
             score=self.plan.study.score,
-            keep_log=bool(stride) and n % stride == stride // 2,
+            keep_log=run.keep or (bool(stride) and n % stride == stride // 2),
             keep_failed=self._failures_kept < logs.failed,
             keep_above=self._threshold(),
             own=own_sources(),
@@ -251,7 +254,7 @@ class Campaign:
         """Delete the logs of flights that were among the worst only for a while."""
         logs = self.plan.study.logs
         stride = max(1, -(-self.plan.count() // logs.sampled)) if logs.sampled else 0
-        keep = {run_id for run_id, _ in self.store.worst(logs.worst)} | set(self.store.failed(2**31))
+        keep = {run_id for run_id, _ in self.store.worst(logs.worst)} | set(self.store.failed(2**31)) | self._kept
         if stride:
             keep |= self.store.every(stride)
         for path in (self.out / "logs").glob("*.mcap"):

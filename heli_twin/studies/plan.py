@@ -42,6 +42,8 @@ class PlannedFlight(NamedTuple):
     """Its place in the study: the first columns of its row."""
     changes: dict[str, Any]
     """Values by dotted path that turn the base into this experiment, without the seed; one object for all seeds."""
+    keep: bool = False
+    """True if its log is kept in any case."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class StudyPlan:
                 "replicate": seed - self.space.seeds.start,
                 "seed": seed,
             }
-            yield PlannedFlight(run_id(text), text, {**place, **shown, **point.labels}, changes)
+            yield PlannedFlight(run_id(text), text, {**place, **shown, **point.labels}, changes, point.keep)
 
 
 def plan_of(study: Study) -> StudyPlan:

@@ -5,12 +5,15 @@ from scipy.stats import sobol_indices, t
 from heli_twin.reporting.intervals import (
     Interval,
     failure_interval,
+    flights_to_show,
     grouped_mean,
     mean_interval,
     median_interval,
     paired_interval,
     seed_interval,
+    shown_share,
     sobol,
+    tolerance_bound,
     wilson,
 )
 from heli_twin.reporting.words import few_seeds, interval, listed, metric, number, percent
@@ -197,3 +200,49 @@ def test_the_same_scores_have_the_same_sobol_interval():
 def test_scores_that_never_change_depend_on_no_axis():
     found = sobol(np.ones(8), np.ones(8), np.ones((3, 8)))
     assert found.first == found.total == [Interval(0.0, 0.0, 0.0, 8)] * 3
+
+
+def test_wilks_numbers_of_flights_are_the_textbooks():
+    assert [flights_to_show(share) for share in (0.9, 0.95, 0.99, 0.999)] == [29, 59, 299, 2995]
+    assert shown_share(0, 59) == pytest.approx(0.05 ** (1 / 59))
+    assert shown_share(0, 58) < 0.95 < shown_share(0, 59)
+    assert (shown_share(0, 0), shown_share(3, 3)) == (0.0, 0.0)
+    # Clopper and Pearson for one failure: 93 flights show 95 %.
+    assert shown_share(1, 92) < 0.95 < shown_share(1, 93)
+    values = np.arange(93.0)
+    # Of 59 the greatest is the bound, of 93 the second.
+    assert tolerance_bound(values[:59]) == 58.0
+    assert tolerance_bound(values) == 91.0
+    assert tolerance_bound(values[:58]) == np.inf
+
+
+@pytest.mark.parametrize("rate", [0.003, 0.02, 0.1, 0.35])
+def test_bounds_on_failure_rates_hold_as_often_as_they_say(rate):
+    n, studies = 120, 20_000
+    failures = np.random.default_rng(0).binomial(n, rate, studies)
+    shown = {k: shown_share(k, n) for k in np.unique(failures)}
+    # An exact bound never holds less often; 3 standard deviations of 20 000 studies are 0.5 %.
+    assert np.mean([1.0 - shown[k] >= rate for k in failures]) >= 0.95 - 0.005
+    limits = {k: wilson(k, n) for k in shown}
+    # Wilson's interval holds 95 % on the average of all rates; at a single one of these, between 92 % and 99.5 %.
+    held = np.mean([limits[k].low <= rate <= limits[k].high for k in failures])
+    assert 0.92 <= held <= 0.995
+
+
+def test_wilsons_interval_holds_95_percent_on_average():
+    rng = np.random.default_rng(1)
+    rates = rng.uniform(0.0, 1.0, 40_000)
+    failures = rng.binomial(60, rates)
+    limits = np.array([wilson(k, 60)[1:3] for k in range(61)])[failures]
+    held = np.mean((limits[:, 0] <= rates) & (rates <= limits[:, 1]))
+    # 3 standard deviations of 40 000 studies are 0.3 %.
+    assert held == pytest.approx(0.95, abs=0.006)
+
+
+@pytest.mark.parametrize(("draw", "quantile"), [("standard_normal", 1.644854), ("standard_exponential", 2.995732)])
+@pytest.mark.parametrize("n", [59, 200])
+def test_the_bound_of_scores_holds_in_95_of_100_studies_of_any_distribution(draw, quantile, n):
+    values = getattr(np.random.default_rng(2), draw)((4000, n))
+    held = np.mean([tolerance_bound(row) >= quantile for row in values])
+    # 3 standard deviations of 4000 studies are 1 %; the ranks are whole, so that it holds more often.
+    assert 0.95 - 0.01 <= held <= 0.98

@@ -12,8 +12,11 @@ from heli_twin.lab.chance import mixed
 from heli_twin.studies.campaign import run_study
 from heli_twin.studies.designs.rare_event import estimate_of
 from heli_twin.studies.errors import StudyError
+from heli_twin.studies.least_failure import RANDOM, random_states
 from heli_twin.studies.plan import plan_of
 from heli_twin.studies.report import write_report
+from heli_twin.studies.report.rare_event import searches, told_rare_event
+from heli_twin.studies.report.results import results_of
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.study import study_of
 from heli_twin.studies.subset_simulation import State, fresh, mean_state, moved, scaled, size, subset_simulation
@@ -121,7 +124,7 @@ def noisy(task: Task) -> Flown:
     score = experiment["disturbances"]["gust"]["strength"] + 0.5 * float(noise)
     crashed = score > 2.2
     row = {"id": task.id, "outcome": "crashed" if crashed else "completed", "outcome_text": ""}
-    return Flown(row if crashed else {**row, "rmse.position": score})
+    return Flown(row if crashed else {**row, "rmse.position": score}, b"log" if task.keep_log else None)
 
 
 class Stopped(Exception):
@@ -154,18 +157,70 @@ def test_a_study_of_a_rare_event_is_the_same_in_one_go_and_in_two(tmp_path):
     assert [(row["id"], row["state"], row["rmse.position"]) for row in one] == [
         (row["id"], row["state"], row["rmse.position"]) for row in two
     ]
-    mine = [row for row in one if row["alternative"] == "second" and row["factor"] is None]
+    mine = [row for row in one if row["alternative"] == "second" and row["change"] == "search"]
     scores = [inf if row["rmse.position"] is None else row["rmse.position"] for row in mine]
     found = estimate_of(study.design, 1, 0, scores)
     assert found.evaluations == len(scores)
     # Of a uniform number and half a normal one, 4.15 % exceed 1.5.
     assert found.low < 0.0415 < found.high
     assert estimate_of(study.design, 1, 0, scores[:-1]) is None
-    failing = [row for row in one if row["factor"] is not None and (row["rmse.position"] or inf) >= 1.5]
-    assert min(row["factor"] for row in failing) < 1.0
-    page = write_report(tmp_path / "one").read_text()
-    assert f"{found.probability:.2g}" in page
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """One alternative; half a normal number from 0.5 on reaches the limit at two standard deviations."""
+    out = tmp_path_factory.mktemp("least") / "rare"
+    run_study(
+        study_of({**TREE, "alternatives": {}, "logs": {"failed": 0, "worst": 0, "sampled": 0}}),
+        out,
+        backend=InProcess,
+        work=noisy,
+    )
+    return results_of(out)
+
+
+def test_the_least_failure_just_fails_and_none_is_found_where_there_is_none(found):
+    (search,) = searches(found)
+    score, factor = found["rmse.position"], found["factor"].astype(float)
+    assert set(search.least) == {"all", "noise"}
+    for change, least in search.least.items():
+        mine = np.flatnonzero(found["change"] == change)
+        assert not (score[mine][factor[mine] < factor[least.row]] >= 1.5).any()
+        # Two passes of eight flights: a 64th of the factors that are tried.
+        assert 1.5 <= score[least.row] < 1.5 + 0.05
+    # Without noise the strongest gust has a score of 1.
+    assert found[GUST][search.least["noise"].row] == 0.5
+    assert search.least["noise"].axes == 0.0
+    told = list(told_rare_event(found))
+    assert told[-1] == "  axes alone: none found"
+    least = search.least["all"]
+    assert told[1].startswith(
+        f"  least change that fails: {least.noise:.2f} of usual noise, {least.axes:.1f} standard deviations: {GUST} "
+    )
+
+
+def test_the_log_of_the_least_failure_is_kept_and_named(found):
+    (search,) = searches(found)
+    log = found.folder / "logs" / f"{found['id'][search.least['all'].row]}.mcap"
+    assert log.exists()
+    assert any(str(log) in line and "replay" in line for line in told_rare_event(found))
+    page = write_report(found.folder).read_text()
+    assert str(log) in page
+    assert f"{search.estimate.probability:.2g}" in page
     assert "of usual noise" in page
+
+
+def test_random_directions_are_as_far_as_the_least_failure_and_fail_seldom(found):
+    (search,) = searches(found)
+    least = search.least["all"]
+    rows = found.where(found["change"] == "random")
+    assert len(rows) == RANDOM
+    for state in random_states(State((0.6, -0.8), ((5, 0.6), (7, 0.8))), 10**12 - RANDOM):
+        assert size(state) == pytest.approx((1.0, 1.0))
+    assert (search.random >= 1.5).mean() < 0.5
+    # One axis: up or down by as much.
+    far = {round(abs(norm.ppf(value)), 6) for value in rows[GUST]}
+    assert far == {round(least.axes, 6)}
 
 
 def test_several_replicates_and_a_limit_above_a_crash_are_refused():
@@ -177,4 +232,4 @@ def test_several_replicates_and_a_limit_above_a_crash_are_refused():
 
 def test_the_number_of_flights_is_told_before():
     plan = plan_of(study_of(TREE))
-    assert plan.count() == 2 * (50 + 2 * 45 + 16)
+    assert plan.count() == 2 * (50 + 2 * 45 + 3 * 16 + 20)

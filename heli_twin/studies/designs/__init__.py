@@ -22,6 +22,8 @@ class Point(NamedTuple):
     """The alternatives that fly this point; None for all."""
     seeds: tuple[int, ...] | None = None
     """The seeds that fly this point; None for all."""
+    keep: bool = False
+    """True if the logs of its flights are kept in any case."""
 
 
 Batches = Generator[Iterable[Point], list[Row], None]

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le, doc
@@ -11,11 +12,17 @@ from scipy.special import ndtr
 from heli_twin.studies.columns import INVALID, SCORED
 from heli_twin.studies.designs import Batches, Point, Row
 from heli_twin.studies.errors import StudyError
+from heli_twin.studies.least_failure import (
+    FARTHEST,
+    RANDOM,
+    TRIED,
+    Narrowing,
+    first_random_seed,
+    narrowings,
+    random_states,
+)
 from heli_twin.studies.space import Space
 from heli_twin.studies.subset_simulation import Estimate, State, mean_state, scaled, subset_simulation
-
-NARROWING = 8
-"""Flights at a time, twice, to find how little of the mean failure is enough to fail."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +51,10 @@ class RareEvent:
             )
 
     def count(self, space: Space) -> int:
-        """All levels, and the flights that narrow down the most likely failure."""
+        """All levels, and the flights that look for the least failure and around it."""
         chains = round(0.1 * self.samples)
-        flights = self.samples + (self.levels - 1) * (self.samples - chains) + 2 * NARROWING
+        changes = 3 if space.axes else 1
+        flights = self.samples + (self.levels - 1) * (self.samples - chains) + 2 * TRIED * changes + RANDOM
         return len(space.alternatives) * flights
 
     def batches(self, space: Space) -> Batches:
@@ -76,39 +84,59 @@ class RareEvent:
                     found[name] = end.value
                     del asked[name]
             first += width
-        yield from self._narrow(space, found, first)
+        yield from self._least(space, found, first)
 
-    def _narrow(self, space: Space, found: Mapping[str, Estimate], first: int) -> Batches:
-        """Fly the mean failure scaled down, then again between the last that flew well and the first that failed."""
-        means = {name: mean_state(estimate.failures) for name, estimate in found.items() if estimate.failures}
-        ranges = dict.fromkeys(means, (0.0, 1.25))
-        for _ in range(2):
-            factors = {
-                name: [low + (high - low) * (i + 1) / NARROWING for i in range(NARROWING)]
-                for name, (low, high) in ranges.items()
+    def _least(self, space: Space, found: Mapping[str, Estimate], first: int) -> Batches:
+        """Fly the mean failure scaled down, twice, and then as far in random directions."""
+        open_ones: dict[str, list[Narrowing]] = {
+            name: narrowings(mean_state(estimate.failures)) for name, estimate in found.items() if estimate.failures
+        }
+        for last in (False, True):
+            asked = {
+                (name, k, i): (first + TRIED * k + i, each.change, state, each.factors[i])
+                for name, those in open_ones.items()
+                for k, each in enumerate(those)
+                for i, state in enumerate(each.states)
             }
-            if not factors:
+            if not asked:
                 return
             rows = yield [
-                self._point(space, scaled(means[name], factor), name, first + i, factor)
-                for name, these in factors.items()
-                for i, factor in enumerate(these)
+                self._point(space, state, name, number, {"factor": factor, "change": change})._replace(keep=last)
+                for (name, _, _), (number, change, state, factor) in asked.items()
             ]
             scores = _scores(rows, space)
-            ranges = {}
-            for name, these in factors.items():
-                failed = [i for i in range(NARROWING) if scores[name, first + i] >= self.limit]
-                if failed:
-                    ranges[name] = (these[failed[0] - 1] if failed[0] else 0.0, these[failed[0]])
-            first += NARROWING
+            failed = {place: scores[place[0], number] >= self.limit for place, (number, *_) in asked.items()}
+            open_ones = {
+                name: [
+                    left
+                    for k, each in enumerate(those)
+                    if (left := each.learn({i: failed[name, k, i] for i in range(TRIED)})) is not None
+                ]
+                for name, those in open_ones.items()
+            }
+            first += TRIED * len(FARTHEST)
+        least = {name: scaled(those[0].state, those[0].high) for name, those in open_ones.items() if those}
+        yield [
+            self._point(space, state, name, first + i, {"change": "random"})
+            for name, nearest in least.items()
+            for i, state in enumerate(random_states(nearest, first_random_seed(space.seeds.start)))
+        ]
 
-    def _point(self, space: Space, state: State, alternative: str, number: int, factor: float | None = None) -> Point:
+    def _point(
+        self,
+        space: Space,
+        state: State,
+        alternative: str,
+        number: int,
+        labels: Mapping[str, Any] = MappingProxyType({}),
+    ) -> Point:
         changes: dict[str, Any] = {
             path: axis.quantile(min(float(ndtr(z)), 1.0 - 1e-12))
             for (path, axis), z in zip(space.axes.items(), state.place, strict=True)
         }
         changes["noise"] = [[seed, weight] for seed, weight in state.noise]
-        return Point(changes, {"state": number, "factor": factor}, alternatives=(alternative,))
+        told = {"state": number, "factor": None, "change": "search", **labels}
+        return Point(changes, told, alternatives=(alternative,))
 
 
 def _scores(rows: Sequence[Row], space: Space) -> dict[tuple[str, int], float]:

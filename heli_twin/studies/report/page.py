@@ -11,6 +11,7 @@ from heli_twin.reporting.html_page import Section, html_page, json_block, table_
 from heli_twin.reporting.svg import write_svg
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.report.boundary import boundary
+from heli_twin.studies.report.bounds import bounds
 from heli_twin.studies.report.effort import effort, timing
 from heli_twin.studies.report.fairness import fairness, stability
 from heli_twin.studies.report.ladder import ladder
@@ -28,6 +29,7 @@ from heli_twin.whole_file import whole_file, write_whole
 
 SECTIONS = (
     verdict,
+    bounds,
     stability,
     ladder,
     tornado,

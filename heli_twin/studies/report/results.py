@@ -20,7 +20,7 @@ from heli_twin.terminal_text import pasteable
 PLACE_COLUMNS = ("id", "alternative", "point", "replicate", "seed")
 FLIGHT_COLUMNS = ("outcome", "outcome_text", "effort", "controller.period")
 DESIGN_COLUMNS = ("rung", "height", "varied", "level", "matrix", "sample", "trajectory", "move", "moved", "by")
-SEARCH_COLUMNS = ("axis", "share", "value", "found_by", "trial", "state", "factor", "asked")
+SEARCH_COLUMNS = ("axis", "share", "value", "found_by", "trial", "state", "factor", "change", "asked")
 TIMES = ("solve_ms.p50", "solve_ms.p99", "solve_ms.max", "control_step_ms.p99", "control_step_ms.max")
 
 INDEPENDENT_SENTENCE = "This needs independent axes: of axes that really vary together it says nothing."

@@ -37,7 +37,7 @@ def search(results: Results) -> Iterator[Figure]:
                     color=place if origin == "search" else place + 7,
                 )
             )
-            ends[origin] = (worst[-1], _where(rows, trials[int(np.argmax(scores))]))
+            ends[origin] = (worst[-1], place_of(rows, int(np.argmax(rows["trial"] == trials[int(np.argmax(scores))]))))
         panels.append(Panel(alternative, "points tried", f"worst {scale.label}", curves))
         sentences.append(_sentence(alternative, ends, scale.unit))
     yield Figure("worst-case", "Worst case", "; ".join(sentences) + f"{results.one_seed}.", panels)
@@ -54,14 +54,13 @@ def _by_trial(rows: Results) -> tuple[Array, Array, list[str]]:
     return trials, scores, commands
 
 
-def _where(rows: Results, trial: float) -> str:
-    row = rows.where(rows["trial"] == trial)
+def place_of(rows: Results, row: int) -> str:
+    """The values of the axes of a row, in words."""
     words = []
     for path in rows.axes:
         scale = field(path, rows[path].tolist()) if rows.is_number(path) else None
-        words.append(
-            f"{path} {number(row[path][0] * scale.factor)} {scale.unit}".rstrip() if scale else str(row[path][0])
-        )
+        value = rows[path][row]
+        words.append(f"{path} {number(value * scale.factor)} {scale.unit}".rstrip() if scale else str(value))
     return ", ".join(words)
 
 
