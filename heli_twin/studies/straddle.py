@@ -27,7 +27,7 @@ LENGTHS = (0.05, 10.0)
 """Bounds of the distance over which the function changes, in widths of an axis."""
 NOISE = (1e-6, 1.0)
 """Bounds of the variance of a value that is not the function's, as a share of that of all values."""
-RESTARTS = 2
+RESTARTS = 1
 DRAWS = 400
 """Functions that are drawn for the interval of a share."""
 DRAW_PLACES_LOG2 = 10
@@ -58,10 +58,6 @@ class Surrogate(NamedTuple):
         mean, deviation = self.predict(places)
         return ndtr(mean / np.maximum(deviation, 1e-12 * self.scale))
 
-    def given(self, places: Array, values: Array) -> "Surrogate":
-        """Return the process with other values, its kernel kept."""
-        return _conditioned(self.process.kernel_, self.process.alpha, places, values, self.scale)
-
 
 def fitted(places: Array, values: Array) -> Surrogate:
     """Fit a Gaussian process with a Matern kernel of its own length along each axis.
@@ -82,14 +78,9 @@ def fitted(places: Array, values: Array) -> Surrogate:
         # A length at its bound is an axis that does not matter.
         warnings.simplefilter("ignore")
         process.fit(places, values / scale)
-    return _conditioned(process.kernel_.k1, process.kernel_.k2.noise_level, places, values, scale)
-
-
-def _conditioned(kernel: Any, noise: float, places: Array, values: Array, scale: float) -> Surrogate:
-    """The function without its noise: a value says where it is only as well as the noise allows."""
-    regressor, _ = _door()
-    with threadpool_limits(1):
-        process = regressor(kernel, alpha=max(float(noise), 1e-8), optimizer=None).fit(places, values / scale)
+        # The function without its noise: a value says where it is only as well as the noise allows.
+        smooth, noise = process.kernel_.k1, float(process.kernel_.k2.noise_level)
+        process = regressor(smooth, alpha=max(noise, 1e-8), optimizer=None).fit(places, values / scale)
     return Surrogate(process, scale)
 
 
@@ -119,17 +110,27 @@ def next_places(places: Array, values: Array, count: int, seed: int) -> Array:
         count: How many are asked for together.
         seed: Of the candidates.
     """
-    surrogate = fitted(places, values)
+    from scipy.linalg import solve_triangular
+
+    process, scale = fitted(places, values)
     candidates = spread_places(places.shape[1], CANDIDATES_LOG2, seed)
-    chosen: list[Array] = []
-    for _ in range(count):
-        mean, deviation = surrogate.predict(candidates)
-        taken = np.abs(candidates[:, None] - places).max(axis=2).min(axis=1) < NEAREST
-        best = int(np.argmax(np.where(taken, -np.inf, Z95 * deviation - np.abs(mean))))
-        chosen.append(candidates[best])
-        places, values = np.vstack([places, candidates[best]]), np.append(values, mean[best])
-        surrogate = surrogate.given(places, values)
-    return np.array(chosen)
+    mean, deviation = (each / scale for each in Surrogate(process, scale).predict(candidates))
+    straddle = Z95 * deviation - np.abs(mean)
+    straddle[np.abs(candidates[:, None] - places).max(axis=2).min(axis=1) < NEAREST] = -np.inf
+    chosen: list[int] = []
+    with threadpool_limits(1):
+        roots = solve_triangular(process.L_, process.kernel_(process.X_train_, candidates), lower=True)
+        for _ in range(count):
+            best = int(np.argmax(straddle))
+            chosen.append(best)
+            # A value there that is as expected leaves the mean as it is, and makes the deviation less.
+            shared = process.kernel_(candidates, candidates[best : best + 1])[:, 0] - roots.T @ roots[:, best]
+            row = shared / np.sqrt(deviation[best] ** 2 + process.alpha)
+            less = np.sqrt(np.maximum(deviation**2 - row**2, 0.0))
+            straddle += Z95 * (less - deviation)
+            straddle[best] = -np.inf
+            deviation, roots = less, np.vstack([roots, row])
+    return candidates[chosen]
 
 
 def share_above(surrogate: Surrogate, axes: int) -> Interval:

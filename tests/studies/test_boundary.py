@@ -1,6 +1,7 @@
 """The boundary of failures: known functions judge the map and its uncertainty; a study goes on; the twin's own grid."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,12 +11,13 @@ from heli_twin.studies.axes import Linspace, Logspace, Uniform, share_of
 from heli_twin.studies.campaign import run_study
 from heli_twin.studies.designs import boundary as boundary_design
 from heli_twin.studies.designs.boundary import places_and_scores, response
+from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import plan_of
 from heli_twin.studies.report import write_report
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.straddle import fitted, next_places, share_above, spread_places
-from heli_twin.studies.study import study_of
+from heli_twin.studies.study import load_study, study_of
 from heli_twin.workers.task import Flown, Task
 
 LIMIT = 0.25
@@ -196,3 +198,24 @@ def test_without_scikit_learn_it_says_what_to_install(monkeypatch):
     monkeypatch.setattr(boundary_design, "find_spec", lambda name: None)
     with pytest.raises(StudyError, match=r"pip install 'heli-twin\[boundary\]'"):
         plan_of(study_of(TREE))
+
+
+@pytest.mark.long
+def test_eighty_flights_map_what_four_hundred_do(tmp_path):
+    """Attitude bandwidth and delay of the loop, in the lab: 20 x 20 flights against the boundary from 80."""
+    shipped = load_study("boundary")
+    few, many = tmp_path / "few", tmp_path / "many"
+    run_study(shipped, few)
+    spans = {path: written["uniform"] for path, written in shipped.axes.items()}
+    axes = {path: {"linspace": [*ends, 20]} for path, ends in spans.items()}
+    run_study(replace(shipped, name="grid", axes=axes, design=Grid()), many)
+    ranges = {path: Uniform(*ends) for path, ends in spans.items()}
+    places, scores = places_and_scores(rows_of(few), ranges, shipped.score, shipped.penalty)
+    assert len(scores) == 80
+    by_cell = [{**row, "asked": row["point"]} for row in rows_of(many)]
+    cells, truth = places_and_scores(by_cell, ranges, shipped.score, shipped.penalty)
+    limit = shipped.design.limit
+    chance = fitted(places, response(scores, limit, shipped.design.first)).above(cells)
+    wrong = np.mean((chance > 0.5) != (truth > limit))
+    print(f"{100 * wrong:.2f} % of 400 cells in disagreement, {100 * np.mean(truth > limit):.1f} % of them fail")
+    assert wrong < 0.03
