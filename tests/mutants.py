@@ -72,8 +72,12 @@ OTHER_NAMES = {
 """The tests of modules whose name no test file has, in `tests/`, nearest first."""
 PICTURES = {"heli_twin/lab/plant/renderer.py"}
 """Modules that draw: their lights and colours are looked at, and decide no flight and no figure."""
-FOLDER_TESTS = {"controllers/trajectories": ["tests/controllers/test_derivatives.py"]}
-"""Further tests of every module of a folder."""
+FOLDER_TESTS = {
+    "controllers/trajectories": ["tests/controllers/test_derivatives.py"],
+    "controllers": ["tests/flights/test_pinned.py"],
+    "heli_twin/lab": ["tests/flights/test_pinned.py"],
+}
+"""Further tests of every module below a folder."""
 TEST_CPU_LIMIT_S = 60
 """Of one test, in processor time, which a busy machine does not stretch; a mutant that hangs is noticed by it."""
 LIBRARIES = """numpy scipy.optimize scipy.linalg scipy.stats scipy.integrate scipy.signal pydantic daqp threadpoolctl
@@ -177,6 +181,26 @@ EQUIVALENT = {
         'if name.endswith("iterations") and not (value.isdecimal() and len(value) < 10'
         " and int(value) <= MAX_ITERATIONS):",
     ): "any number of nine or ten digits is above MAX_ITERATIONS too",
+    (
+        "controllers/laws/ltv_mpc.py",
+        "A, B = np.split(model.discretise(model.jacobians(np.zeros((2, len(spec.Q)))))[0], [len(spec.Q)], axis=1)",
+    ): "the first of two equal matrices is taken",
+    (
+        "heli_twin/metrics/motion.py",
+        "return np.zeros(0), np.zeros((0, 5))",
+    ): "no rows of five columns are no rows",
+    (
+        "heli_twin/metrics/response.py",
+        "if abs(step) >= MIN_STEP and np.ptp(reference[leaves : arrives + 1]) < abs(step) + 1e-6:",
+    ): "differs only for an overshoot of the reference by 1e-6 in all digits",
+    (
+        "heli_twin/identification/data.py",
+        "if len(log.sent.time) <= 2 or not len(t):",
+    ): "two commands are too short for a stretch anyway",
+    (
+        "heli_twin/identification/fit.py",
+        "delay, lag = float(min(np.arange(0.0, MAX_DELAY_S, 0.02), key=misfit)), 0.03",
+    ): "the search begins there and ends elsewhere",
     (
         "controllers/reference.py",
         "_BLOCK_SAMPLES = 513",
@@ -330,16 +354,17 @@ def nearest_tests(file: str) -> list[str]:
 
     They have its name or its folder's, or import it; where none does, others import its package.
     """
-    if file in OTHER_NAMES:
-        return [f"tests/{name}" for name in OTHER_NAMES[file]]
     path = Path(file)
+    further = [test for folder, tests in FOLDER_TESTS.items() if path.is_relative_to(folder) for test in tests]
+    if file in OTHER_NAMES:
+        return [f"tests/{name}" for name in OTHER_NAMES[file]] + further
     folder = ROOT / "tests" / path.parts[int(path.parts[0] == "heli_twin")]
     dotted = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
     package, _, name = dotted.rpartition(".")
     names = [f"test_{name}.py", f"test_{path.parent.name}.py"]
     tests = _tests_of(folder, names, dotted) if folder.is_dir() else []
     tests = tests or _tests_of(ROOT / "tests", names[:1], dotted) or _tests_of(ROOT / "tests", [], package)
-    return tests[:TEST_FILES] + FOLDER_TESTS.get(path.parent.as_posix(), [])
+    return tests[:TEST_FILES] + further
 
 
 def _tests_of(folder: Path, names: Sequence[str], imported: str) -> list[str]:

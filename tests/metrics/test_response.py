@@ -106,6 +106,11 @@ def test_the_overshoot_of_a_second_order_system_is_the_textbooks(damping, height
     assert overshoot(reference, flown, PERIOD) == pytest.approx(expected, abs=0.003)
 
 
+@pytest.mark.parametrize(("height", "is_step"), [(0.049, False), (0.051, True)])
+def test_a_step_is_five_centimetres_high(height, is_step):
+    assert (overshoot(height * (TIME > 2.0), height * (TIME > 2.0), PERIOD) is not None) == is_step
+
+
 @pytest.mark.parametrize(("periods", "is_rest"), [(24, False), (25, True)])
 def test_a_rest_lasts_half_a_second(periods, is_rest):
     reference = np.concatenate([np.arange(50.0), np.full(periods, 49.0), np.arange(50.0, 90.0)])

@@ -195,6 +195,7 @@ def test_what_cannot_be_executed_is_told(here: Path) -> None:
         ("./pid.py", "controller.command[0] = './pid.py' is not executable: chmod +x it"),
         ('["python3", "/no/law.py"]', "controller.command[1] = '/no/law.py': a path has to name a file"),
         ('["python3", "--config=/etc/x"]', "a path has to name a file, whose content is logged in its place"),
+        ('["python3", "a\\u0007b"]', "a path has to name a file, whose content is logged in its place"),
         ('["."]', "controller.command[0] = '.': there is no such program"),
         ('["./"]', "controller.command[0] = './': there is no such file"),
         ("pid@0123456789abcdef", "says what a program is and not where, since no program is run"),

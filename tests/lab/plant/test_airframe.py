@@ -510,6 +510,12 @@ def test_a_damaged_model_has_an_outcome_or_is_refused_in_one_sentence(first):
             assert result.outcome.kind in ("completed", "crashed", "left_volume", "diverged", "landed"), seed
 
 
+def test_a_stick_that_hovers_near_its_upper_limit_is_tried_downwards():
+    weak = changed(('gainprm="1.2"', 'gainprm="0.6"'), ("0.4905", "0.981"))
+    truth = held(np.zeros(4), 0.1, Airframe(model=weak))
+    assert truth.position[2] == pytest.approx(UP[2], abs=1e-6)
+
+
 def test_three_violations_are_told_and_the_others_counted(tmp_path):
     path = tmp_path / "wide.xml"
     path.write_text(changed(('ctrlrange="-1 1"', 'ctrlrange="-2 2"'), ('ctrlrange="0 1"', 'ctrlrange="0 2"')))
