@@ -11,7 +11,7 @@ from controllers.rotations import rotate_to_world
 from controllers.signals import Array, Reference
 from controllers.trajectories import Trajectory, derivatives, fitted
 
-_BLOCK_SAMPLES = 512
+BLOCK_SAMPLES = 512
 """Samples evaluated in one call: memory does not grow with the flight, and NumPy is called rarely."""
 _FARTHEST = 1e6
 """Limit of positions (m) and yaw (rad): beyond it, rounding errors become visible in a flight."""
@@ -29,6 +29,7 @@ class ReferencePreview:
         origin: One point of the grid, ns.
         highest: Highest time derivative of the flat outputs that the samples hold; 0 for states and inputs alone.
         prepare: What a law makes of flat outputs (n + 1, k, 4), one row for each of k samples.
+        samples: How many are made at once, beyond those of a call.
     """
 
     def __init__(
@@ -39,11 +40,13 @@ class ReferencePreview:
         origin: int,
         highest: int = 0,
         prepare: Callable[[Array], Array] | None = None,
+        samples: int = BLOCK_SAMPLES,
     ) -> None:
         self._trajectory, self._model = fitted(trajectory, model), model
         self._prepare, self._prepared = prepare, np.empty(0)
         self._period, self._origin = period, origin
         self._first, self._x, self._u = 0, np.empty((0, 8)), np.empty((0, 4))
+        self._samples = samples
         self._highest, self._flat = highest, np.empty((highest + 1, 0, 4))
 
     def __call__(self, stamp: int, steps: int) -> Reference:
@@ -53,7 +56,7 @@ class ReferencePreview:
             raise ValueError(f"stamp {stamp} ns is not on the grid {self._origin} + k {self._period} ns")
         i = k - self._first
         if i < 0 or i + steps + 1 > len(self._x):
-            self._fill(k, _BLOCK_SAMPLES + steps + 1)
+            self._fill(k, self._samples + steps + 1)
             i = 0
         rows = slice(i, i + steps + 1)
         flat = self._flat[:, rows] if self._highest else None
@@ -109,8 +112,8 @@ def check_feasible(trajectory: Trajectory, model: Model, duration: float, period
     far = _FARTHEST
     low = np.array([*model.u_min, *(-v for v in model.v_max), -far, -far, 0.0, -far])
     high = np.array([*model.u_max, *model.v_max, far, far, far, far])
-    for start in np.arange(0.0, duration + period, _BLOCK_SAMPLES * period):
-        t = start + period * np.arange(_BLOCK_SAMPLES)
+    for start in np.arange(0.0, duration + period, BLOCK_SAMPLES * period):
+        t = start + period * np.arange(BLOCK_SAMPLES)
         t = t[t <= duration]
         if not t.size:
             return

@@ -14,7 +14,7 @@ from controllers.errors import LawFailed
 from controllers.fallback import safe_hover
 from controllers.laws import closed_after, flat_derivatives, preview_of
 from controllers.markers import by_name
-from controllers.reference import ReferencePreview, with_flat
+from controllers.reference import BLOCK_SAMPLES, ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, nanoseconds
 from controllers.trajectories import Trajectory
 from heli_twin.experiment import Experiment, Volume
@@ -97,6 +97,8 @@ class Flight:
         self.follow(e.trajectory)
         self.now = self.control_due = self.air_due = 0
         self.held, self.air_now = Held(-1, plant.truth().actuators), together([])
+        self.estimate: Estimate | None = None
+        """The newest."""
         self.others: Array = ALONE
         """(n, 3) positions of other helicopters in the room, world, m."""
         self.poses_under_way: list[Arrival] = []
@@ -114,12 +116,17 @@ class Flight:
         assert outcome is not None
         return outcome
 
-    def follow(self, trajectory: Trajectory) -> None:
-        """Fly by another plan from the next control step on."""
+    def follow(self, trajectory: Trajectory, samples: int = BLOCK_SAMPLES) -> None:
+        """Fly by a plan from the next control step on.
+
+        Args:
+            trajectory: The plan.
+            samples: How many are made at once.
+        """
         e = self.experiment
-        self.preview = preview_of(e.controller, trajectory, self.period, self.lead)
+        self.preview = preview_of(e.controller, trajectory, self.period, self.lead, samples)
         # The flight may end between two control steps.
-        self.planned = ReferencePreview(trajectory, e.controller.model, self.step, 0)
+        self.planned = ReferencePreview(trajectory, e.controller.model, self.step, 0, samples=samples)
 
     def advance(self, until: int) -> Outcome | None:
         """Fly on to a physics step `until`, ns; what is due then is left to the next call.
@@ -191,7 +198,7 @@ class Flight:
         for at, pose in arrived:
             self.recorder.pose(at, pose)
             self.estimator.receive(at, pose)
-        estimate = self.faults.estimate(t, self.estimator.estimate(t))
+        estimate = self.estimate = self.faults.estimate(t, self.estimator.estimate(t))
         plan = self.preview(estimate.stamp if estimate else t + self.lead, self.experiment.controller.steps)
         order, took = self.supervisor.order(t, estimate, plan), 0
         if order.event:

@@ -132,11 +132,16 @@ def begin_log(
     return Recorder(
         path,
         experiment=canonical_json(experiment),
-        metadata=provenance() | _own_origins(experiment) | _extra_states(experiment) | dict(metadata or {}),
+        metadata=provenance() | facts_of(experiment) | dict(metadata or {}),
         attachments=attachments,
         listeners=listeners,
         shape=shape_of(experiment.plant),
     )
+
+
+def facts_of(experiment: Experiment) -> dict[str, str]:
+    """For the log's metadata: where classes of a user's own come from, and names of further states."""
+    return _own_origins(experiment) | _extra_states(experiment)
 
 
 def _extra_states(experiment: Experiment) -> dict[str, str]:

@@ -139,7 +139,7 @@ def fly(
     experiment = checked(load(experiment) if isinstance(experiment, str) else experiment)
     if isinstance(experiment.controller, External):
         require_program(experiment.controller)
-    plant = _start(experiment)
+    plant = start_plant(experiment)
     sources = own_source(experiment) if embed_source else []
     pictures = _pictures(experiment, rerun)
     recorder = _begin_log(log_dir, experiment, plant, sources, [pictures] if pictures else [])
@@ -259,7 +259,7 @@ def require_program(law: External) -> None:
         raise ProgramMissing(f"controller.{error}") from None
 
 
-def _start(experiment: Experiment) -> Plant:
+def start_plant(experiment: Experiment) -> Plant:
     """Return the helicopter at the first point of its trajectory."""
     try:
         return experiment.plant.start(state(experiment.trajectory.flat(np.zeros(1)))[0])

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from typing import Protocol, runtime_checkable
 
 from controllers.model import Model
-from controllers.reference import ReferencePreview
+from controllers.reference import BLOCK_SAMPLES, ReferencePreview
 from controllers.signals import Array, Command, Estimate, NamedState, Reference
 from controllers.trajectories import Trajectory
 
@@ -120,10 +120,12 @@ def flat_derivatives(law: object) -> int:
     return law.flat_derivatives if isinstance(law, DerivativeReader) else 0
 
 
-def preview_of(law: ControlLaw, trajectory: Trajectory, period: int, origin: int) -> ReferencePreview:
-    """Return the samples of a trajectory with all that a law reads of them; `period` and `origin` in ns."""
+def preview_of(
+    law: ControlLaw, trajectory: Trajectory, period: int, origin: int, samples: int = BLOCK_SAMPLES
+) -> ReferencePreview:
+    """Return the samples of a trajectory with all that a law reads of them, `samples` at once; times in ns."""
     prepare = law.prepare if isinstance(law, Prepares) else None
-    return ReferencePreview(trajectory, law.model, period, origin, flat_derivatives(law), prepare)
+    return ReferencePreview(trajectory, law.model, period, origin, flat_derivatives(law), prepare, samples)
 
 
 def extra_states(spec: object) -> tuple[NamedState, ...]:

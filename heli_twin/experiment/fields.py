@@ -27,11 +27,15 @@ class FieldInfo(NamedTuple):
     """Reads a file that can be given in place of its content; None for any other value."""
 
 
+APART = "apart"
+"""Key in the metadata of a field that is read and written apart from the others of its spec."""
+
+
 @cache
 def fields_of(spec: type) -> dict[str, FieldInfo]:
-    """Return the fields of a spec, a dataclass, by name."""
+    """Return the fields of a spec, a dataclass, by name; without those that are read and written `APART`."""
     hints = get_type_hints(spec, include_extras=True)
-    return {f.name: _info(hints[f.name]) for f in fields(spec)}
+    return {f.name: _info(hints[f.name]) for f in fields(spec) if APART not in f.metadata}
 
 
 def _info(hint: Any) -> FieldInfo:

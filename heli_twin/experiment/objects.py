@@ -26,10 +26,19 @@ def validated(experiment: Any) -> Experiment:
     """
     if type(experiment) is not Experiment:
         raise ExperimentError(f"this is of the class {type(experiment).__name__}: give an Experiment, as load() makes")
-    return _validated(experiment, "")
+    return validated_parts(experiment, "")
 
 
-def _validated(spec: Any, here: str) -> Any:
+def validated_parts(spec: Any, here: str) -> Any:
+    """Return a spec after a check of all its fields.
+
+    Args:
+        spec: An experiment, or a part of one.
+        here: Its dotted path, with a dot at its end; empty for the whole.
+
+    Raises:
+        ExperimentError: Names the field, its value and the limit.
+    """
     changed: dict[str, Any] = {}
     for name, info in _fields(spec, here).items():
         value, path = getattr(spec, name), here + name
@@ -74,7 +83,7 @@ def _part(value: Any, info: FieldInfo, path: str) -> Any:
             raise ExperimentError(
                 f"{path} is of the class {what}, which has no {missing[0]}: it needs {', '.join(needs)}"
             )
-    return _validated(value, f"{path}.")
+    return validated_parts(value, f"{path}.")
 
 
 def _frozen(spec: Any) -> bool:

@@ -51,7 +51,7 @@ def load(source: str | None = None, overrides: Iterable[str] = ()) -> Experiment
     """
     tree = tree_of(Experiment())
     file = _read(source or "lab")
-    leaves = dict(_leaves(file.tree))
+    leaves = dict(leaves_of(file.tree))
     for path, value in leaves.items():
         if not (file.is_calibration and _is_of_another_law(tree, path)):
             put(tree, path, value)
@@ -95,7 +95,7 @@ def _is_of_another_law(tree: Tree, path: str) -> bool:
 
 def _changed(tree: Tree, overrides: Iterable[str], believed: Mapping[str, Any] | None = None) -> Experiment:
     """Apply overrides; a law or an estimator that is selected by its kind alone believes what is `believed`."""
-    for path, value in sorted(map(_override, overrides), key=lambda change: not _names_a_kind(*change)):
+    for path, value in sorted(map(override_of, overrides), key=lambda change: not names_a_kind(*change)):
         put_part(tree, path, value)
         part = path.removesuffix(".kind")
         if not isinstance(value, str) or part not in ("controller", "estimator"):
@@ -106,7 +106,7 @@ def _changed(tree: Tree, overrides: Iterable[str], believed: Mapping[str, Any] |
     return experiment_of(tree)
 
 
-def _names_a_kind(path: str, value: Any) -> bool:
+def names_a_kind(path: str, value: Any) -> bool:
     """Return whether a change selects the member of a family at its path."""
     is_member = isinstance(value, str | dict) and value not in ("on", "off") and bool(family_at(path))
     return path.endswith(".kind") or is_member or (_is_content(value) and _content_field(Experiment, path) is not None)
@@ -244,7 +244,7 @@ def table_in(source: str, name: str) -> Tree:
     Raises:
         ExperimentError: The file cannot be read, or it is no table.
     """
-    _, tree = _parsed(source)
+    _, tree = parsed_file(source)
     table = tree.get(name, {})
     if not isinstance(table, dict):
         raise ExperimentError(f"{clean(source, 200)}: {name} = {reprlib.repr(table)} is not a table")
@@ -253,7 +253,7 @@ def table_in(source: str, name: str) -> Tree:
 
 def _read(source: str) -> _File:
     """Return a preset or a TOML file."""
-    path, tree = _parsed(source)
+    path, tree = parsed_file(source)
     is_calibration = "envelope" in tree
     for name in NOT_FLOWN:
         tree.pop(name, None)
@@ -268,7 +268,7 @@ def _read(source: str) -> _File:
     return _File(with_commands(tree, partial(beside, path.parent)), version, is_calibration)
 
 
-def _parsed(source: str) -> tuple[Path, Tree]:
+def parsed_file(source: str) -> tuple[Path, Tree]:
     """Return the path of a preset or a TOML file, and its tables."""
     known = presets()
     path = known.get(source, Path(source))
@@ -299,13 +299,13 @@ def _toml(text: str) -> Tree:
     return tree
 
 
-def _leaves(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
+def leaves_of(tree: Tree, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield every value of a tree with its dotted path; what selects the kind comes first, as it resets the others."""
     for key, value in sorted(
         tree.items(), key=lambda item: (item[0] != OWN, item[0] != "kind", not _is_content(item[1]))
     ):
         if isinstance(value, dict) and value:
-            yield from _leaves(value, f"{path}{key}.")
+            yield from leaves_of(value, f"{path}{key}.")
         elif not isinstance(value, dict):
             yield f"{path}{key}", value
 
@@ -335,7 +335,7 @@ def assignment(text: str, example: str = "path.to.field=value, such as plant.mas
         return path, value
 
 
-def _override(text: str) -> tuple[str, Any]:
+def override_of(text: str) -> tuple[str, Any]:
     """Parse an override, also `part=FILE.toml`; return its path and its value."""
     path, value = assignment(text)
     value = with_content(path, with_members(path, value, Path()), Path())
@@ -368,7 +368,7 @@ def put_part(tree: Tree, path: str, value: Any) -> None:
     else:
         value = {name: inner for name, inner in value.items() if name != "physics"}
     put(tree, path, value)
-    restore_past(Experiment, tree, version, dict(_leaves({path: value})), under=path)
+    restore_past(Experiment, tree, version, dict(leaves_of({path: value})), under=path)
 
 
 def put(tree: Tree, path: str, value: Any) -> None:
@@ -383,15 +383,27 @@ def put(tree: Tree, path: str, value: Any) -> None:
         ExperimentError: The path names no field; the message suggests one.
     """
     if isinstance(value, dict) and value:
-        for inner, leaf in _leaves(value, f"{path}."):
+        for inner, leaf in leaves_of(value, f"{path}."):
             put(tree, inner, leaf)
         return
     if "." not in path and path not in tree:
-        raise unknown_field(path, tree, [p for p, _ in _leaves(tree) if p.rpartition(".")[2] == path])
-    _put(tree, Experiment, path.split("."), value, path)
+        raise unknown_field(path, tree, [p for p, _ in leaves_of(tree) if p.rpartition(".")[2] == path])
+    put_in(tree, Experiment, path.split("."), value, path)
 
 
-def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None:
+def put_in(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None:
+    """Set a value in a tree.
+
+    Args:
+        node: Tree of a spec, changed in place.
+        spec: Its class.
+        keys: The path below it.
+        value: Number, text or list, or the kind of a member.
+        path: The whole dotted path, for messages.
+
+    Raises:
+        ExperimentError: The path names no field; the message suggests one.
+    """
     key, *rest = keys
     known = fields_of(spec)
     table = path.split(".")[: -len(rest) - 1]
@@ -415,14 +427,14 @@ def _put(node: Tree, spec: type, keys: list[str], value: Any, path: str) -> None
                 if kind := _kind_by_content(kinds, node[key]["kind"], rest, value):
                     node[key] = table_of(kinds[kind]())
                 node[key] = without_mark(node[key], ".".join([*table, key]), info.family.package)
-                _put(node[key], kinds[node[key]["kind"]], rest, value, path)
+                put_in(node[key], kinds[node[key]["kind"]], rest, value, path)
             else:
                 raise ExperimentError(f"{path} = {reprlib.repr(value)} names no {key}. {listing(kinds)}")
         case None if isinstance(info.type, type) and is_dataclass(info.type):
             if not rest:
                 raise ExperimentError(f"{path} is a table; set one of its fields: {', '.join(fields_of(info.type))}")
             without_mark(node[key], ".".join([*table, key]))
-            _put(node[key], info.type, rest, value, path)
+            put_in(node[key], info.type, rest, value, path)
         case None:
             if rest:
                 raise ExperimentError(
@@ -517,4 +529,4 @@ def _put_each(node: Tree, family: EachOf, keys: list[str], value: Any, path: str
         return
     node.setdefault(name, table_of(kinds[kind]()))
     if rest:
-        _put(node[name], kinds[kind], rest, value, path)
+        put_in(node[name], kinds[kind], rest, value, path)

@@ -210,7 +210,7 @@ def from_json(text: str) -> Experiment:
 
 def toml_of(experiment: Experiment) -> str:
     """Return an experiment as the text of a TOML file: every field with its unit and meaning."""
-    return "\n".join([physics_line(), *_toml(experiment, "")]).strip() + "\n"
+    return "\n".join([physics_line(), *toml_lines(experiment, "")]).strip() + "\n"
 
 
 def physics_line() -> str:
@@ -218,7 +218,13 @@ def physics_line() -> str:
     return f"{f'physics = {PHYSICS_VERSION}':<32}  # physics version; missing fields get their values of this version"
 
 
-def _toml(spec: Any, here: str) -> Iterator[str]:
+def toml_lines(spec: Any, here: str) -> Iterator[str]:
+    """Yield the lines of a TOML file that say a spec.
+
+    Args:
+        spec: The spec.
+        here: Dotted path of its table, with a dot at its end; empty for the whole file.
+    """
     tables: list[tuple[str, FieldInfo, Any]] = []
     for name, info in fields_of(type(spec)).items():
         value = getattr(spec, name)
@@ -226,7 +232,7 @@ def _toml(spec: Any, here: str) -> Iterator[str]:
             tables.append((name, info, value))
         else:
             value = plain(value)
-            text = f"{name} = {_toml_text(value) if isinstance(value, str) else json.dumps(value)}"
+            text = f"{name} = {toml_text(value) if isinstance(value, str) else json.dumps(value)}"
             if info.columns:
                 text = "\n".join([f"{name} = [", *(f"  {json.dumps(row)}," for row in value), "]"])
             meaning = ": ".join(filter(None, [info.unit, info.doc]))
@@ -247,7 +253,7 @@ def _toml(spec: Any, here: str) -> Iterator[str]:
             yield from _toml_of_part(member, info, f"{here}{name}.{key}")
 
 
-def _toml_text(text: str) -> str:
+def toml_text(text: str) -> str:
     """A text as TOML writes it, over several lines where it has them; what is not printable is escaped."""
     if "\n" not in text:
         return json.dumps(text)
@@ -258,4 +264,4 @@ def _toml_text(text: str) -> str:
 def _toml_of_part(part: Any, info: FieldInfo, path: str) -> Iterator[str]:
     if mark := own_class(part, info):
         yield f"{OWN} = {json.dumps(mark)}  # a class of the user's own: this file does not describe it"
-    yield from _toml(part, f"{path}.")
+    yield from toml_lines(part, f"{path}.")

@@ -11,7 +11,7 @@ from mcap.records import AttachmentIndex, Footer, MetadataIndex
 from mcap.writer import MCAP0_MAGIC
 
 from heli_twin.recording.log import Attachment, Log
-from heli_twin.recording.reader import check_format, ending_of, read_log, reading
+from heli_twin.recording.reader import check_format, ending_of, read_log, reading, ships_of
 from heli_twin.recording.schema import EXPERIMENT, LogError, unsealed
 from heli_twin.recording.unpacking import (
     MAX_RECORD_BYTES,
@@ -59,6 +59,7 @@ def read_head(path: Path) -> Log:
             metadata=unsealed(metadata.get("run", {})),
             attachments={EXPERIMENT: experiment},
             ending=ending_of(metadata.get("end", {})),
+            ships=ships_of(metadata),
         )
 
 

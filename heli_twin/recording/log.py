@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, TypeVar, g
 import numpy as np
 from google.protobuf.message import DecodeError, Message
 
+from controllers.coordinations import CommittedPlan
 from controllers.signals import Array, NamedState
 from heli_twin.recording import flight_pb2 as pb
+from heli_twin.recording import ships_pb2
 from heli_twin.recording.columns import (
     Airs,
     Batteries,
@@ -30,6 +32,7 @@ from heli_twin.recording.columns import Times as Times
 from heli_twin.recording.foxglove import LogMessage, PointCloud
 from heli_twin.recording.packing import Layout
 from heli_twin.recording.schema import (
+    EXPERIMENT,
     LAYOUTS,
     QP_STATUS,
     SEVERITIES,
@@ -40,7 +43,7 @@ from heli_twin.recording.schema import (
     plan_layout,
 )
 from heli_twin.recording.state_names import EXTRA_STATES, MAX_STATES, named
-from heli_twin.terminal_text import clean
+from heli_twin.terminal_text import clean, instead
 
 M = TypeVar("M", bound=Message)
 
@@ -82,6 +85,7 @@ OutcomeKind = Literal[
     "completed",
     "landed",
     "crashed",
+    "collided",
     "left_volume",
     "diverged",
     "invalid",
@@ -90,7 +94,7 @@ OutcomeKind = Literal[
     "imported",
     "unknown",
 ]
-"""Outcomes of a flight. `landed`: the supervisor ended it early; `invalid`: the process of the control law failed, so
+"""Outcomes of a flight. `landed`: the supervisor ended it early; `collided`: it touched another helicopter; `invalid`: the process of the control law failed, so
 that the flight has no digest and says nothing about the law; `aborted`: the program raised; `interrupted`: the log
 was recovered and does not say; `imported`: a recording of poses; `unknown`: none that this version knows."""
 OUTCOMES: Mapping[str, OutcomeKind] = {kind: kind for kind in get_args(OutcomeKind)}
@@ -117,6 +121,43 @@ class Ending(NamedTuple):
     recovered: bool = False
     """True for a log that is the intact part of a damaged one."""
 
+
+class ShipRecord(NamedTuple):
+    """What a log says of one of several helicopters beside its messages."""
+
+    metadata: Mapping[str, str]
+    ending: Ending
+
+
+class Committed(NamedTuple):
+    """A plan that one of several helicopters flew from a time on."""
+
+    time: int
+    """ns."""
+    plan: CommittedPlan | None
+    """None for its wish, the trajectory of its experiment."""
+
+
+class Turn(NamedTuple):
+    """What the planner of one of several helicopters did in a turn."""
+
+    time: int
+    """ns."""
+    outcome: str
+    """`committed`, `kept` or `refused`."""
+    reason: str
+    """In a few words."""
+    is_stuck: bool
+    iterations: int
+    """Of the solver."""
+    sent: int
+    """Messages to each other helicopter."""
+    received: int
+    """Messages since the last turn."""
+
+
+SHIP_KEY = "ship"
+"""Key in the metadata of `Log.ship`: the name of the helicopter."""
 
 COLUMNS = (
     *("truth", "pose", "estimate", "reference", "sent", "acting", "plan", "qp", "disturbance", "battery", "events"),
@@ -150,6 +191,7 @@ class Log:
         metadata: Versions, platform, wall-clock start and more.
         attachments: Files in the log, by name.
         ending: Outcome, time and reason of the end.
+        ships: Of a log of several helicopters, by their names; `ship` returns the log of one. Empty for a log of one.
     """
 
     messages: Mapping[str, Messages]
@@ -157,6 +199,35 @@ class Log:
     metadata: Mapping[str, str] = field(default_factory=dict)
     attachments: Mapping[str, Attachment] = field(default_factory=dict)
     ending: Ending = field(default_factory=Ending)
+    ships: Mapping[str, ShipRecord] = field(default_factory=dict[str, ShipRecord])
+
+    def ship(self, name: str) -> "Log":
+        """Return the log of one of several helicopters, which is like any other.
+
+        Raises:
+            LogError: There is none of this name.
+        """
+        if name not in self.ships:
+            what = f"has no helicopter {instead(name, self.ships)}" if self.ships else "is of one helicopter alone"
+            raise LogError(f"the log {what}")
+        record, attached = self.ships[name], {
+            title.removeprefix(f"{name}/"): file._replace(name=title.removeprefix(f"{name}/"))
+            for title, file in self.attachments.items()
+            if title.startswith(f"{name}/")
+        }
+        if EXPERIMENT not in attached:
+            raise LogError(f"does not say what {clean(name, 60)} flew: give a log that heli-twin recorded")
+        return Log(
+            messages={
+                topic.removeprefix(f"/{name}"): messages
+                for topic, messages in self.messages.items()
+                if topic.startswith(f"/{name}/")
+            },
+            experiment=attached[EXPERIMENT].data.decode(),
+            metadata={**self.metadata, **record.metadata, SHIP_KEY: name},
+            attachments=attached,
+            ending=record.ending._replace(digest=self.digest, recovered=self.ending.recovered),
+        )
 
     def __repr__(self) -> str:
         count = sum(len(topic.times) for topic in self.messages.values())
@@ -312,11 +383,35 @@ class Log:
             return [(t, _points(cloud)) for t, cloud in zip(topic.times, clouds, strict=True)]
 
     @cached_property
+    def committed(self) -> list[Committed]:
+        """The plans that one of several helicopters flew, each from its time on; empty for one that flew alone."""
+        topic = self._messages("/path")
+        with _decoding("/path"):
+            paths = [ships_pb2.Path.FromString(bytes(data)) for data in topic.data]
+            return [Committed(t, _plan(path)) for t, path in zip(topic.times, paths, strict=True)]
+
+    @cached_property
+    def planning(self) -> list[Turn]:
+        """The turns of the planner of one of several helicopters; empty for one that flew alone."""
+        topic = self._messages("/planning")
+        with _decoding("/planning"):
+            turns = [ships_pb2.Turn.FromString(bytes(data)) for data in topic.data]
+            return [
+                Turn(t, turn.outcome, clean(turn.reason, 200), turn.is_stuck, turn.iterations, turn.sent, turn.received)
+                for t, turn in zip(topic.times, turns, strict=True)
+            ]
+
+    @cached_property
     def timing(self) -> Timings:
         """Measured computing times."""
         return Timings(*self._columns("/timing"))
 
     def _messages(self, topic: str) -> Messages:
+        if self.ships and topic not in self.messages:
+            raise LogError(
+                f"the log is of several helicopters, {clean(', '.join(self.ships), 120)}: ask for one of them, as"
+                f" log.ship('{next(iter(self.ships))}') or as RUN.mcap#{next(iter(self.ships))} on the command line"
+            )
         return self.messages.get(topic, Messages((), ()))
 
     def _columns(self, topic: str, layout: Layout | None = None) -> list[Any]:
@@ -326,6 +421,16 @@ class Log:
             records = (layout or LAYOUTS[topic]).unpack(messages.data)
         columns = [np.ascontiguousarray(records[name]) for name in records.dtype.names or ()]
         return [np.array(messages.times, np.int64), *columns]
+
+
+def _plan(path: ships_pb2.Path) -> CommittedPlan | None:
+    """The plan of a message; None for a wish."""
+    if not path.step:
+        return None
+    knots = np.array(path.knots).reshape(-1, 3, 4)
+    if len(knots) < 2 or path.step < 0 or not np.isfinite(knots).all():
+        raise ValueError("a plan has less than two knots or is not finite")
+    return CommittedPlan(path.start, path.step, knots)
 
 
 def _few(count: int) -> int:

@@ -1,7 +1,7 @@
 """Reading a flight log: every checksum is checked, and damage is told in one sentence."""
 
 import zlib
-from collections.abc import Collection, Generator
+from collections.abc import Collection, Generator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -12,8 +12,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC
 
-from heli_twin.recording.log import OUTCOMES, Attachment, Ending, Log, Messages
-from heli_twin.recording.schema import EXPERIMENT, FORMAT, TOPICS, LogError, unsealed
+from controllers.markers import checked_name
+from heli_twin.recording.log import OUTCOMES, Attachment, Ending, Log, Messages, ShipRecord
+from heli_twin.recording.schema import EXPERIMENT, FORMAT, SHIPS, TOPICS, LogError, unsealed
 from heli_twin.recording.unpacking import (
     DAMAGE,
     MESSAGE,
@@ -39,7 +40,8 @@ def read_log(source: Path | str | IO[bytes], topics: Collection[str] | None = No
     """Read a log; its columns are decoded when first asked for.
 
     Args:
-        source: A file, or a stream that can seek, such as that of a recorder in memory.
+        source: A file, or a stream that can seek, such as that of a recorder in memory; `RUN.mcap#a` is the log of the
+            helicopter `a`, one of several.
         topics: The topics to keep, the others are checked and dropped; None keeps all.
 
     Raises:
@@ -47,6 +49,23 @@ def read_log(source: Path | str | IO[bytes], topics: Collection[str] | None = No
             unknown.
     """
     name = str(source) if isinstance(source, Path | str) else "the log in memory"
+    source, ship = of_ship(source) if isinstance(source, Path | str) else (source, "")
+    log = _read(name, source, topics)
+    with reading(name):
+        return log.ship(ship) if ship else log
+
+
+def of_ship(source: Path | str) -> tuple[Path, str]:
+    """Return the path of a log and the name of one helicopter in it, `RUN.mcap#a`; the name is empty without `#`."""
+    path, has_ship, ship = str(source).rpartition(SHIP_MARK)
+    return (Path(path), ship) if has_ship and not Path(source).exists() else (Path(source), "")
+
+
+SHIP_MARK = "#"
+"""Between the path of a log and the name of one helicopter in it."""
+
+
+def _read(name: str, source: Path | str | IO[bytes], topics: Collection[str] | None) -> Log:
     with reading(name):
         data = load(source)
         _check_ends(data)
@@ -138,6 +157,7 @@ class _Contents:
     def log(self) -> Log:
         """The log, once all records were added."""
         check_format(self._metadata.get("heli_twin"))
+        ships = ships_of(self._metadata)
         known = [topic.name for topic in TOPICS] + [*self._channels.values()]
         unknown = next((topic for topic in self._topics or () if topic not in known), None)
         if unknown is not None:
@@ -150,6 +170,7 @@ class _Contents:
             metadata=unsealed(self._metadata.get("run", {})),
             attachments=self._attachments,
             ending=ending_of(self._metadata.get("end", {})),
+            ships=ships,
         )
 
     def _message(self, body: memoryview) -> None:
@@ -171,12 +192,34 @@ class _Contents:
             topic = clean(channel.topic, 60)
             raise LogError(f"has two channels for {topic}, of which one would hide the other: heli-twin writes one")
         self._channels[channel.id] = channel.topic
-        if self._topics is None or channel.topic in self._topics:
+        if self._topics is None or not {channel.topic, within_ship(channel.topic)}.isdisjoint(self._topics):
             self._messages[channel.topic] = self._columns[channel.id] = ([], [])
 
     def _only(self, kind: str, name: str, known: Collection[str]) -> None:
         if name in known:
             raise LogError(f"has two {kind} called {clean(name, 60)}, of which one would hide the other")
+
+
+def within_ship(topic: str) -> str:
+    """Return the topic of a helicopter without its name: `/truth` for `/a/truth`."""
+    return f"/{topic.removeprefix('/').partition('/')[2]}"
+
+
+def ships_of(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, ShipRecord]:
+    """Return what the metadata of a log say of each of several helicopters; empty for a log of one.
+
+    Raises:
+        LogError: They are not named as helicopters are.
+    """
+    names = list(filter(None, metadata.get("heli_twin", {}).get(SHIPS, "").split(",")))
+    try:
+        ships = [checked_name(name) for name in names]
+    except ValueError as error:
+        raise LogError(f"names a helicopter that cannot be: {clean(str(error), 100)}") from None
+    return {
+        name: ShipRecord(unsealed(metadata.get(f"run.{name}", {})), ending_of(dict(metadata.get(f"end.{name}", {}))))
+        for name in ships
+    }
 
 
 def ending_of(metadata: dict[str, str]) -> Ending:

@@ -1,6 +1,6 @@
 """Saving the intact part of a log that stops in the middle or is damaged."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from hashlib import sha256
 from io import BytesIO
@@ -12,8 +12,8 @@ from mcap.records import Attachment, Channel, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from heli_twin.recording.mcap_stream import McapStream
-from heli_twin.recording.reader import LATEST_NS, check_format, ending_of
-from heli_twin.recording.schema import EXPERIMENT, TOPICS, LogError, sealed, unsealed
+from heli_twin.recording.reader import LATEST_NS, check_format, ending_of, ships_of
+from heli_twin.recording.schema import EXPERIMENT, LogError, Topic, sealed, topics_of, unsealed
 from heli_twin.recording.unpacking import (
     DAMAGE,
     MESSAGE,
@@ -64,10 +64,6 @@ def recover(path: Path) -> Path:
 
 def _salvage(data: bytes) -> bytes:
     """A whole log from the intact records of another."""
-    stream = BytesIO()
-    log = McapStream(stream, library=LIBRARY, chunk_size=CHUNK_SIZE)
-    for topic in TOPICS:
-        log.channel(*topic)
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, Attachment] = {}
     chunks: dict[bytes, memoryview] = {}
@@ -81,6 +77,11 @@ def _salvage(data: bytes) -> bytes:
             chunks.setdefault(sha256(record).digest(), record)
     check_format(metadata.get("heli_twin"))
     ending_of(metadata.get("end", {}))
+    topics = topics_of([*ships_of(metadata)])
+    stream = BytesIO()
+    log = McapStream(stream, library=LIBRARY, chunk_size=CHUNK_SIZE)
+    for topic in topics:
+        log.channel(*topic)
     if EXPERIMENT not in attachments:
         raise LogError("breaks off before it says what was flown")
     for name, record in metadata.items():
@@ -89,7 +90,7 @@ def _salvage(data: bytes) -> bytes:
     for attachment in attachments.values():
         log.attachment(attachment.name, attachment.media_type, attachment.data)
     last = 0
-    for messages in sorted(filter(None, (_messages(chunk, allowance) for chunk in chunks.values())), key=_begin):
+    for messages in sorted(filter(None, (_messages(chunk, topics, allowance) for chunk in chunks.values())), key=_begin):
         for message in messages:
             log.message(*message)
             last = max(last, message[1])
@@ -118,7 +119,7 @@ Message = tuple[int, int, bytes]
 """Channel, log time (ns) and data."""
 
 
-def _messages(chunk: memoryview, allowance: Allowance) -> list[Message]:
+def _messages(chunk: memoryview, topics: Sequence[Topic], allowance: Allowance) -> list[Message]:
     """The messages of an unpacked chunk; none if it is not a chunk of messages.
 
     Raises:
@@ -129,12 +130,12 @@ def _messages(chunk: memoryview, allowance: Allowance) -> list[Message]:
         for opcode, body in records(chunk):
             if opcode == Opcode.CHANNEL:
                 channel = Channel.read(ReadDataStream(BytesIO(body)))
-                if not 1 <= channel.id <= len(TOPICS) or channel.topic != TOPICS[channel.id - 1].name:
+                if not 1 <= channel.id <= len(topics) or channel.topic != topics[channel.id - 1].name:
                     topic = clean(channel.topic, 60)
                     raise LogError(f"has topics of another version ({topic}): recover it with that one")
             elif opcode == Opcode.MESSAGE:
                 channel, _, time, _ = MESSAGE.unpack_from(body)
-                if not 1 <= channel <= len(TOPICS) or time > LATEST_NS:
+                if not 1 <= channel <= len(topics) or time > LATEST_NS:
                     return []
                 allowance.take(len(body) + MESSAGE_OVERHEAD_BYTES)
                 messages.append((channel, time, bytes(body[MESSAGE.size :])))

@@ -1,7 +1,7 @@
 """The format of a flight log: its topics in the order in which data flow, their message types and layouts."""
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
@@ -12,15 +12,20 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from controllers.signals import QpStatus
 from heli_twin.errors import HeliTwinError
 from heli_twin.recording import flight_pb2 as pb
+from heli_twin.recording import ships_pb2
 from heli_twin.recording.foxglove import FrameTransform, LogMessage, PointCloud
 from heli_twin.recording.packing import Layout
 
-FORMAT = 1
-"""Version of the log format; a reader refuses a greater one."""
+FORMAT_OF_ONE, FORMAT = 1, 2
+"""Versions of the log format: that of one helicopter, and the newest, of several; a reader refuses a greater one."""
+SHIPS = "ships"
+"""Key of the names of several helicopters in the metadata that say the format."""
 EXPERIMENT = "experiment.json"
 """Name of the attachment that holds the experiment."""
 PROTO = Path(__file__).with_name("flight.proto")
 """The message types with their comments; a copy is in every log."""
+SHIPS_PROTO = PROTO.with_name("ships.proto")
+"""The further message types of several helicopters; a copy is in their logs."""
 FRAME = "world"
 """Name of the world frame in messages made for viewers."""
 PLAN_STATES = 10
@@ -115,8 +120,17 @@ LATER_WIRES = (
 """Wires that came later: the number of a channel is the place of its topic, in logs of before too."""
 
 TOPICS = WIRES + FOR_VIEWERS + LATER_WIRES
+SHIP_WIRES = (
+    _protobuf("/path", ships_pb2.Path),
+    _protobuf("/planning", ships_pb2.Turn),
+    _protobuf("/planning_timing", ships_pb2.PlanningTime),
+)
+"""Further wires of each of several helicopters."""
 TIMING = "/timing"
 """The only topic that the flight digest leaves out: measured times differ from run to run."""
+
+MEASURED = (TIMING, "/planning_timing")
+"""The same of each of several helicopters."""
 
 LAYOUTS: Mapping[str, Layout] = {
     "/truth": Layout(pb.Truth, position=(3,), quat_wxyz=(4,), velocity=(3,), angular_velocity=(3,), actuators=(4,)),
@@ -146,6 +160,17 @@ SEVERITIES: tuple[Severity, ...] = get_args(Severity)
 def proto() -> bytes:
     """The text of `flight.proto`."""
     return PROTO.read_bytes()
+
+
+def topics_of(ships: Sequence[str]) -> tuple[Topic, ...]:
+    """The topics of a log in the order of their channels.
+
+    Args:
+        ships: Names of several helicopters; empty for a log of one.
+    """
+    if not ships:
+        return TOPICS
+    return tuple(topic._replace(name=f"/{name}{topic.name}") for name in ships for topic in TOPICS + SHIP_WIRES)
 
 
 @lru_cache

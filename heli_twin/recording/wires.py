@@ -57,8 +57,9 @@ class Wires:
             shape: The drawn shape of the helicopter; empty for the mCX2.
             name: Of the helicopter, if it is one of several.
         """
-        self._sink = sink
-        self._time = 0
+        self._to = sink
+        self.time = 0
+        """Of the newest signal, ns."""
         self._flush_due = FLUSH_PERIOD_NS
         self._waiting: list[tuple[str, int, Iterable[Any] | bytes]] = []
         """Not packed yet: topic, time, and values or the whole message."""
@@ -151,13 +152,13 @@ class Wires:
             self._flush_due = (t // FLUSH_PERIOD_NS + 1) * FLUSH_PERIOD_NS
             self.flush()
         self._waiting.append((topic, t, values))
-        self._time = t
+        self.time = t
 
     @uninterrupted()
     def flush(self) -> None:
         """Write out all signals so far."""
         self.pack_waiting()
-        self._sink.flush()
+        self._to.flush()
 
     def pack_waiting(self) -> None:
         """Hand all signals so far to the file."""
@@ -174,6 +175,6 @@ class Wires:
         ]
         measured, self._measured = self._measured, []
         times = self._layouts[TIMING].pack([values for _, values in measured]) if measured else []
-        self._sink.write([(TIMING, t, data) for (t, _), data in zip(measured, times, strict=True)])
-        self._sink.count(self._sink.write(messages))
-        self._sink.count(self._sink.write([*self._viewers.messages(messages)]))
+        self._to.write([(TIMING, t, data) for (t, _), data in zip(measured, times, strict=True)])
+        self._to.count(self._to.write(messages))
+        self._to.count(self._to.write([*self._viewers.messages(messages)]))

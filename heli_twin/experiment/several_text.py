@@ -1,0 +1,288 @@
+"""Reads several helicopters from a preset or a TOML file, and writes them as TOML and JSON.
+
+A path such as `scenario.ships`, `coordination.distance` or `network.loss` is the room's; `ships.a.plant.mass` is of one
+helicopter; any path of an experiment, `plant.mass` or `duration`, is of every one. `base` names the preset or the file
+of an experiment that all begin with.
+"""
+
+import json
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from controllers.programs import beside
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.differences import changes
+from heli_twin.experiment.fields import fields_of
+from heli_twin.experiment.own import refuse_commands, with_commands, with_program_at_hand
+from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past, restore_past
+from heli_twin.experiment.several import Several, checked_several
+from heli_twin.experiment.text import (
+    leaves_of,
+    load,
+    names_a_kind,
+    override_of,
+    parsed_file,
+    presets,
+    put_in,
+    put_part,
+    with_content,
+    with_members,
+)
+from heli_twin.experiment.tree import (
+    experiment_of,
+    physics_line,
+    spec_of,
+    table_of,
+    toml_lines,
+    toml_text,
+    tree_of,
+    unknown_field,
+)
+from heli_twin.experiment.values import ExperimentError, check_size, listing
+from heli_twin.terminal_text import clean
+
+ROOM = frozenset({"scenario", "coordination", "network", "shared"})
+"""Fields of the room; the first words of their paths."""
+SIGNS = ROOM | {"ships", "every", "base"}
+"""A TOML file with one of these at its top is of several helicopters."""
+
+
+def several_presets() -> dict[str, Path]:
+    """Return the TOML files of several helicopters that come with heli_twin, by name."""
+    folder = Path(str(files("heli_twin") / "presets" / "several"))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def is_several(source: str | None) -> bool:
+    """Return whether a preset or a TOML file is of several helicopters.
+
+    Raises:
+        ExperimentError: The file cannot be read.
+    """
+    if source is None or source in presets():
+        return False
+    return source in several_presets() or (source.endswith(".toml") and not SIGNS.isdisjoint(parsed_file(source)[1]))
+
+
+def load_several(source: str, overrides: Iterable[str] = ()) -> Several:
+    """Read several helicopters from a preset or a TOML file and change them.
+
+    Args:
+        source: Name of a preset, such as `swap4`, or path of a TOML file.
+        overrides: Changes, each `path.to.field=value`, as this module says them.
+
+    Raises:
+        ExperimentError: The source or an override is wrong; the message names the nearest valid choice.
+    """
+    known = several_presets()
+    if source not in known and not source.endswith(".toml"):
+        raise ExperimentError(f"unknown preset '{clean(source, 80)}' of several helicopters. {listing(known)}")
+    path, file = parsed_file(str(known.get(source, source)))
+    version = file.pop("physics", PHYSICS_VERSION)
+    if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
+        raise ExperimentError(f"{clean(path, 200)} has physics = {clean(version, 40)}: give 1 to {PHYSICS_VERSION}")
+    given = [override_of(text) for text in overrides]
+    base = next((value for name, value in reversed(given) if name == "base"), file.pop("base", "lab"))
+    if not isinstance(base, str):
+        raise ExperimentError(f"base = {clean(base, 60)}: give the name of a preset or of a TOML file of an experiment")
+    tree = table_of(Several(every=load(base)))
+    ships: dict[str, Tree] = {}
+    said = [*leaves_of(_read(file, path.parent))]
+    for change in _in_order(said):
+        put_several(tree, ships, *change)
+    for each, prefix in ((tree["every"], ""), *((ship, f"ships.{name}.") for name, ship in ships.items())):
+        of_all = [name.removeprefix("every.") for name, _ in said]
+        of_one = [name.removeprefix(prefix) for name, _ in said if name.startswith(prefix)]
+        restore_past(Experiment, each, version, [*of_all, *of_one])
+    return _changed(tree, ships, [(name, value) for name, value in given if name != "base"])
+
+
+def _read(file: Tree, folder: Path) -> Tree:
+    """Return the tables of a file with the contents, classes and programs that they name beside it."""
+
+    def read(table: Any) -> Any:
+        table = with_content("", with_members("", table, folder), folder)
+        return with_commands(table, partial(beside, folder))
+
+    apart = {name: file[name] for name in file.keys() & (ROOM | {"every", "ships"})}
+    for name in apart.keys() & {"every"}:
+        apart[name] = read(apart[name])
+    if isinstance(ships := apart.get("ships"), dict):
+        apart["ships"] = {name: read(table) for name, table in ships.items()}
+    return {**read({name: table for name, table in file.items() if name not in apart}), **apart}
+
+
+def _in_order(given: Iterable[tuple[str, Any]]) -> list[tuple[str, Any]]:
+    """Return changes in an order in which they can be made: those of one helicopter last, kinds before their fields."""
+
+    def order(change: tuple[str, Any]) -> tuple[bool, bool]:
+        path, value = change
+        words = path.split(".")
+        of_one = words[0] == "ships"
+        inner = ".".join(words[2:] if of_one else words[words[0] == "every" :])
+        in_room = words[0] in ROOM and (words[1:] in ([], ["kind"]))
+        return of_one, not (in_room or names_a_kind(inner, value))
+
+    return sorted(given, key=order)
+
+
+def put_several(tree: Tree, ships: dict[str, Tree], path: str, value: Any) -> None:
+    """Set the value at a dotted path.
+
+    Args:
+        tree: Of a `Several` without its ships, changed in place.
+        ships: Trees of experiments by name, changed in place; a new name begins as every helicopter is.
+        path: Dotted path, as this module says.
+        value: Number, text, list, or a table with some of the fields.
+
+    Raises:
+        ExperimentError: The path names no field; the message suggests one.
+    """
+    first, _, rest = path.partition(".")
+    if isinstance(value, dict) and value and (first in ROOM or (first == "ships" and rest.count(".") == 0)):
+        for inner, leaf in leaves_of(value, f"{path}."):
+            put_several(tree, ships, inner, leaf)
+    elif first in ROOM:
+        put_in(tree, Several, path.split("."), value, path)
+    elif first == "ships":
+        _put_ship(tree, ships, rest, value)
+    elif first in fields_of(Experiment) or first == "every":
+        inner = rest if first == "every" else path
+        for each in (tree["every"], *ships.values()):
+            put_part(each, inner, value)
+    else:
+        raise unknown_field(path, [*sorted(ROOM), "ships", *fields_of(Experiment)])
+
+
+def _put_ship(tree: Tree, ships: dict[str, Tree], path: str, value: Any) -> None:
+    name, _, inner = path.partition(".")
+    if not name or (not inner and value != {}):
+        raise ExperimentError("ships is a table of helicopters by name: set one of its fields, ships.a.plant.mass=0.03")
+    if name not in ships:
+        ships[name] = json.loads(json.dumps(tree["every"]))
+    if inner:
+        _refuse_wish(tree, inner, f"ships.{path}", name)
+        try:
+            put_part(ships[name], inner, value)
+        except ExperimentError as error:
+            raise ExperimentError(f"ships.{clean(name, 60)}: {error}") from None
+
+
+def _refuse_wish(tree: Tree, inner: str, path: str, name: str = "") -> None:
+    """Refuse to change a trajectory that the scenario says."""
+    if inner.partition(".")[0] != "trajectory" or tree["scenario"]["kind"] == "own":
+        return
+    if not name or name in _of_scenario(tree):
+        raise ExperimentError(
+            f"{clean(path, 80)}: what they fly is the scenario's: change scenario.*, or write scenario=own first"
+        )
+
+
+def _of_scenario(tree: Tree) -> Iterable[str]:
+    try:
+        return spec_of(Several, {"scenario": tree["scenario"]}).scenario.wishes()
+    except ValueError:
+        return ()
+
+
+def several_of(tree: Tree, ships: dict[str, Tree]) -> Several:
+    """Make a validated value from a tree without its ships, and the trees of these by name.
+
+    Raises:
+        ExperimentError: Names the field, its value, the limit and the default.
+    """
+    several: Several = spec_of(Several, tree)
+    own: dict[str, Experiment] = {}
+    for name, ship in sorted(ships.items()):
+        try:
+            own[name] = experiment_of(ship)
+        except ExperimentError as error:
+            raise ExperimentError(f"ships.{clean(name, 60)}: {error}") from None
+    return checked_several(replace(several, ships=own))
+
+
+def changed_several(several: Several, overrides: Iterable[str]) -> Several:
+    """Return several helicopters with some fields changed.
+
+    Raises:
+        ExperimentError: An override is wrong; the message names the nearest valid choice.
+    """
+    given = [override_of(text) for text in overrides]
+    if any(path == "base" for path, _ in given):
+        raise ExperimentError("base: what is flown begins with it, so that it is given with a preset or a file alone")
+    tree, ships = table_of(several), {name: tree_of(ship) for name, ship in several.ships.items()}
+    return _changed(tree, ships, given)
+
+
+def _changed(tree: Tree, ships: dict[str, Tree], given: Iterable[tuple[str, Any]]) -> Several:
+    for path, value in _in_order(given):
+        # A file may hold the trajectory of every one, as all other fields.
+        _refuse_wish(tree, path.removeprefix("every."), path)
+        put_several(tree, ships, path, value)
+    return several_of(tree, ships)
+
+
+def several_json(several: Several) -> str:
+    """Return the unique JSON text of several helicopters; new fields with their past values are left out."""
+    tree, ships = table_of(several), {name: tree_of(ship) for name, ship in several.ships.items()}
+    leave_out_past(Several, tree)
+    for ship in ships.values():
+        leave_out_past(Experiment, ship)
+    return json.dumps(tree | {"ships": ships}, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def is_several_json(text: str) -> bool:
+    """Return whether canonical JSON is of several helicopters."""
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(tree, dict) and "every" in tree
+
+
+def several_from_json(text: str) -> Several:
+    """Return the helicopters that `several_json` of this version or an older one wrote.
+
+    Raises:
+        ExperimentError: The text is none that this version can read.
+    """
+    try:
+        tree = json.loads(text)
+        check_size(tree)
+    except (ValueError, RecursionError) as error:
+        raise ExperimentError(f"the experiment is not valid JSON: {error}") from None
+    ships = tree.pop("ships", {}) if isinstance(tree, dict) else None
+    if not isinstance(ships, dict) or not all(isinstance(each, dict) for each in (*ships.values(), tree.get("every"))):
+        raise ExperimentError("the experiment is not one of several helicopters")
+    for each in (tree["every"], *ships.values()):
+        refuse_commands(each)
+    add_past(Several, tree)
+    for ship in ships.values():
+        add_past(Experiment, ship)
+    read = several_of(tree, ships)
+    own = {name: with_program_at_hand(ship) for name, ship in read.ships.items()}
+    return replace(read, every=with_program_at_hand(read.every), ships=own)
+
+
+def several_toml(several: Several) -> str:
+    """Return several helicopters as the text of a TOML file: every field, and of each of `ships` what is its own."""
+    lines = [physics_line(), *toml_lines(several, "")]
+    every = tree_of(several.every)
+    for name, ship in several.ships.items():
+        lines += ["", f"[ships.{name}]"]
+        for change in changes(every, tree_of(ship)):
+            value = toml_text(change.after) if isinstance(change.after, str) else json.dumps(change.after)
+            lines.append(f"{change.path}{'.kind' * _is_table(change.path, every)} = {value}")
+    return "\n".join(lines).strip() + "\n"
+
+
+def _is_table(path: str, tree: Tree) -> bool:
+    """Return whether a table stands at a dotted path, whose kind is to be set."""
+    here: Any = tree
+    for key in path.split("."):
+        here = here.get(key) if isinstance(here, dict) else None
+    return isinstance(here, dict) and "kind" in here

@@ -1,0 +1,1 @@
+"""Several helicopters in one room: flown together by one loop into one log."""

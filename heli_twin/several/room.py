@@ -1,0 +1,211 @@
+"""One flight of several helicopters: each has its own lab and ground station, and all meet at common times.
+
+Between two common times each flies on alone, as in `heli_twin.flight`. At a common time, all know where the others are
+(for the air that they disturb), whether two touch, and planners whose turn it is act in the order of their names.
+Messages between ground stations go over the network of the room.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from itertools import combinations
+from time import perf_counter_ns
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.coordinations import Planner, Ship
+from controllers.errors import LawFailed
+from controllers.laws import closed_after
+from controllers.reference import BLOCK_SAMPLES
+from controllers.signals import Estimate
+from controllers.trajectories import fitted
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.several import Several
+from heli_twin.experiment.values import ExperimentError
+from heli_twin.flight import INVALID, Flight, Outcome, reproducible
+from heli_twin.lab import disturbances
+from heli_twin.lab.chance import Chance, generator, mixed
+from heli_twin.lab.plant import Plant
+from heli_twin.metrics.contact import touching
+from heli_twin.recording.ships import ShipWires
+
+FOLLOWING = ("ready", "flying", "coasting")
+"""Phases of the supervisor in which a helicopter follows its plan."""
+
+
+class Station(NamedTuple):
+    """One of several helicopters, its lab and its ground station."""
+
+    flight: Flight
+    planner: Planner
+    wires: ShipWires
+
+
+class Room:
+    """Several helicopters in one room, wired together; it flies once.
+
+    Args:
+        several: What to fly.
+        plants: The helicopters by name, each at the start of its trajectory.
+        wires: Take what crosses the wires of each.
+        progress: Told the simulated time, s, at every common time.
+
+    Raises:
+        ExperimentError: The coordination cannot fly them together.
+    """
+
+    def __init__(
+        self,
+        several: Several,
+        plants: Mapping[str, Plant],
+        wires: Mapping[str, ShipWires],
+        progress: Callable[[float], None] = lambda t: None,
+    ) -> None:
+        fleet = several.fleet()
+        first = next(iter(fleet.values()))
+        base = mixed(first.noise) if first.noise else generator
+        planners = planners_of(several, fleet)
+        self.stations = {
+            name: Station(
+                Flight(e, plants[name], wires[name], chance=chance_of(base, name, several.shared)),
+                planners[name],
+                wires[name],
+            )
+            for name, e in fleet.items()
+        }
+        self.network = several.network.start(list(fleet), base(first.seed, "network"))
+        self.received = dict.fromkeys(fleet, 0)
+        self.outcomes: dict[str, Outcome] = {}
+        """Of the flights that are over."""
+        self.progress = progress
+        self.now = 0
+
+    def run(self) -> dict[str, Outcome]:
+        """Fly until the flight of every helicopter is over; return how each ended."""
+        with reproducible(), ExitStack() as stack:
+            for name, station in self.stations.items():
+                stack.enter_context(closed_after(station.flight.controller))
+                self.follow(name)
+            while len(self.outcomes) < len(self.stations):
+                self.meet(self.now)
+                until = self.next_time()
+                for name, station in self.stations.items():
+                    if name not in self.outcomes:
+                        self.advance(name, station.flight, until)
+                self.now = until
+                self.progress(1e-9 * self.now)
+        return {name: self.outcomes[name] for name in self.stations}
+
+    def meet(self, t: int) -> None:
+        """Do at a common time t, ns, what concerns more than one of them."""
+        truths = {name: station.flight.plant.truth() for name, station in self.stations.items()}
+        for name, station in self.stations.items():
+            others = [truth.position for other, truth in truths.items() if other != name]
+            station.flight.others = np.array(others).reshape(-1, 3)
+        for a, b in combinations(truths, 2):
+            # Two that lie where they have touched touch for ever.
+            if not (a in self.outcomes and b in self.outcomes) and touching(truths[a].position, truths[b].position):
+                self.collided(t, a, b)
+        for delivery in self.network.arrived(t):
+            self.received[delivery.receiver] += 1
+            self.stations[delivery.receiver].planner.receive(delivery.at, delivery.message)
+        for name, station in self.stations.items():
+            if t >= station.planner.due and name not in self.outcomes:
+                self.plan(t, name, station)
+
+    def plan(self, t: int, name: str, station: Station) -> None:
+        """Let a planner take its turn."""
+        flight, planner, before = station.flight, station.planner, station.planner.committed
+        estimate: Estimate | None = flight.estimate
+        began = perf_counter_ns()
+        messages = planner.act(t, estimate, flight.supervisor.phase in FOLLOWING)
+        took = perf_counter_ns() - began
+        for message in messages:
+            self.network.send(t, message)
+        station.wires.planning(t, planner.note, (len(messages), self.received[name]), took)
+        self.received[name] = 0
+        if planner.committed is not before:
+            self.follow(name)
+
+    def follow(self, name: str) -> None:
+        """Let a helicopter fly what its planner has committed to."""
+        flight, planner, wires = self.stations[name]
+        flight.follow(planner.committed, PLAN_SAMPLES if self.now else BLOCK_SAMPLES)
+        wires.path(self.now, planner.committed)
+
+    def next_time(self) -> int:
+        """Return the next common time, ns: of the air or of a planner."""
+        some = next(iter(self.stations.values())).flight
+        air = (self.now // disturbances.PERIOD_NS + 1) * disturbances.PERIOD_NS
+        turns = [
+            some.on_grid(station.planner.due)
+            for name, station in self.stations.items()
+            if name not in self.outcomes and station.planner.due > self.now
+        ]
+        return some.on_grid(min([air, *turns]))
+
+    def advance(self, name: str, flight: Flight, until: int) -> None:
+        """Fly one helicopter on to a common time, ns."""
+        try:
+            outcome = flight.advance(until)
+        except LawFailed as error:
+            outcome = Outcome(INVALID, error.time, str(error))
+        if outcome is not None:
+            self.outcomes[name] = outcome
+
+    def collided(self, t: int, a: str, b: str) -> None:
+        """End the flights of two helicopters that touch."""
+        for name, other in ((a, b), (b, a)):
+            if name not in self.outcomes:
+                text = f"touched {other} at {1e-9 * t:.2f} s"
+                self.stations[name].wires.event(t, "error", "collided", text)
+                self.outcomes[name] = Outcome("collided", t, text)
+
+
+PLAN_SAMPLES = 32
+"""Samples of a plan that are made at once: it is soon replaced by another."""
+
+
+def chance_of(base: Chance, ship: str, shared: tuple[str, ...]) -> Chance:
+    """Return the source of the random numbers of one helicopter.
+
+    Args:
+        base: Of the room.
+        ship: Its name, which begins the names of its components.
+        shared: Components whose numbers are the same for all.
+    """
+
+    def chance(seed: int, component: str) -> np.random.Generator:
+        return base(seed, component if component in shared else f"{ship}/{component}")
+
+    return chance
+
+
+def planners_of(several: Several, fleet: Mapping[str, Experiment]) -> dict[str, Planner]:
+    """Return the planner of each helicopter by its name.
+
+    Raises:
+        ExperimentError: They cannot fly together.
+    """
+    ships = [
+        Ship(name, fitted(e.trajectory, e.controller.model), e.controller.model) for name, e in fleet.items()
+    ]
+    try:
+        return {name: several.coordination.planner_of(name, ships) for name in fleet}
+    except ValueError as error:
+        raise ExperimentError(f"coordination: {error}") from None
+
+
+def outcome_of_all(outcomes: Mapping[str, Outcome]) -> Outcome:
+    """Return how the flight of all ended: as the worst of them."""
+    worst = min(outcomes.values(), key=lambda outcome: (WORST_FIRST.index(outcome.kind), outcome.time))
+    end = max(outcome.time for outcome in outcomes.values())
+    alike = [name for name, outcome in outcomes.items() if outcome.kind == worst.kind]
+    if worst.kind == "completed":
+        return Outcome("completed", end, f"all {len(outcomes)} flew the whole {1e-9 * end:g} s")
+    name = next(name for name, outcome in outcomes.items() if outcome is worst)
+    return Outcome(worst.kind, end, f"{len(alike)} of {len(outcomes)}, first {name}: {worst.text}")
+
+
+WORST_FIRST = ("invalid", "collided", "diverged", "crashed", "left_volume", "landed", "completed")
+"""Outcomes, from what decides first to what all must have."""
