@@ -15,7 +15,7 @@ from controllers.fallback import safe_hover
 from controllers.laws import closed_after, flat_derivatives, preview_of
 from controllers.markers import by_name
 from controllers.reference import BLOCK_SAMPLES, ReferencePreview, with_flat
-from controllers.signals import Array, Command, Estimate, nanoseconds
+from controllers.signals import Array, Command, Estimate, Reference, nanoseconds
 from controllers.trajectories import Trajectory
 from heli_twin.experiment import Experiment, Volume
 from heli_twin.lab import disturbances
@@ -25,7 +25,8 @@ from heli_twin.lab.faults import Faults
 from heli_twin.lab.mocap import Arrival
 from heli_twin.lab.plant import Air, FeelsMoments, Plant, Truth
 from heli_twin.lab.radio import Held
-from heli_twin.recording import OutcomeKind, Recorder
+from heli_twin.recording import OutcomeKind
+from heli_twin.recording.wires import Wires
 
 INTACT = ("completed", "landed")
 """Outcomes after which the helicopter can fly again."""
@@ -72,7 +73,7 @@ class Flight:
         self,
         experiment: Experiment,
         plant: Plant,
-        recorder: Recorder,
+        recorder: Wires,
         progress: Callable[[float], None] = lambda t: None,
         chance: Chance | None = None,
     ) -> None:
@@ -242,9 +243,7 @@ class Flight:
 
     def judge(self, t: int, truth: Truth) -> Outcome | None:
         """Record where the helicopter is and where it should be; return the outcome if the flight is over."""
-        planned = self.planned(t, 1)
-        self.recorder.reference(t, planned)
-        self.recorder.truth(t, truth)
+        planned = self.show(t, truth)
         may_touch = self.supervisor.phase in ("ready", "landing", "landed")
         outcome = verdict(t, truth, 0.0 if may_touch else float(planned.x[0, 2]), self.experiment.volume)
         outcome = outcome or self.landed(t, truth)
@@ -255,6 +254,13 @@ class Flight:
             severity = "info" if outcome.kind == "completed" else "error"
             self.recorder.event(t, severity, outcome.kind, outcome.text)
         return outcome
+
+    def show(self, t: int, truth: Truth) -> Reference:
+        """Record where the helicopter is and where it should be."""
+        planned = self.planned(t, 1)
+        self.recorder.reference(t, planned)
+        self.recorder.truth(t, truth)
+        return planned
 
     def landed(self, t: int, truth: Truth) -> Outcome | None:
         """Record a touch-down; the flight is over when it was too hard, and when the motors have stopped."""

@@ -135,6 +135,13 @@ def experiment_arguments(parsed: Namespace) -> tuple[str | None, list[str]]:
     return source, words
 
 
+def names_several(source: str) -> bool:
+    """Return whether a preset or a TOML file is of several helicopters."""
+    from heli_twin.experiment.several_text import is_several
+
+    return is_several(source)
+
+
 def file_path(text: str) -> Path:
     """The type of an argument that names a file."""
     if not Path(text).name:

@@ -6,7 +6,8 @@ from argparse import ArgumentParser, Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heli_twin.commands import add_experiment, command, experiment_arguments, progress_bar, say
+from heli_twin.commands import add_experiment, command, experiment_arguments, names_several, progress_bar, say
+from heli_twin.commands._several import fly_together
 from heli_twin.commands.judge import BROKEN
 from heli_twin.commands.judge import show as show_verdicts
 from heli_twin.terminal_text import clean
@@ -25,6 +26,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         run,
         "fly the twin, print the result, leave an MCAP log",
         "Fly one experiment, print what happened and leave an MCAP log that any viewer opens.\n"
+        "The presets pair, swap4, swap8, crossing_circles and formation are of several helicopters in one room, and\n"
+        "so is a TOML file with a scenario or ships; `heli-twin guide several` tells more.\n"
         "`heli-twin show` lists every field that can be changed.\n"
         "Exit code: 0 completed or landed, 1 ended early or no log could be kept, 2 a mistake in what was asked for,\n"
         "3 a requirement of --require is broken, or\n"
@@ -37,6 +40,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  heli-twin fly mine.toml --rerun flight.rrd\n"
         "  heli-twin fly controller=external controller.command=./pid\n"
         "  heli-twin fly trajectory=hover --require hover\n"
+        "  heli-twin fly swap4 scenario.radius=1.0 plant.mass=0.029 ships.a.plant.mass=0.027\n"
         "  heli-twin fly --no-log --json | jq .max_abs_error",
     )
     add_experiment(parser)
@@ -70,6 +74,8 @@ def run(parsed: Namespace) -> int:
     from heli_twin.mission import Pictures, fly
 
     source, overrides = experiment_arguments(parsed)
+    if source is not None and names_several(source):
+        return fly_together(parsed, source, overrides)
     experiment, envelope = load(source, overrides), envelope_in(source)
     requirements = requirements_named(parsed.require)
     with progress_bar() as bar:

@@ -2,7 +2,7 @@
 
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 
-from heli_twin.commands import add_experiment, command, experiment_arguments
+from heli_twin.commands import add_experiment, command, experiment_arguments, names_several
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -24,5 +24,10 @@ def run(parsed: Namespace) -> int:
     from heli_twin.experiment.tree import toml_of
 
     source, overrides = experiment_arguments(parsed)
+    if source is not None and names_several(source):
+        from heli_twin.experiment.several_text import load_several, several_toml
+
+        print(several_toml(load_several(source, overrides)), end="")
+        return 0
     print(toml_of(load(source, overrides)), end="")
     return 0

@@ -82,7 +82,9 @@ class Random:
 
     kind: Literal["random"] = "random"
     ships: Ships = 8
-    draw: Annotated[int, Ge(0), Le(2**53), doc("which starts and goals; the seed of the flight does not change them")] = 0
+    draw: Annotated[
+        int, Ge(0), Le(2**53), doc("which starts and goals; the seed of the flight does not change them")
+    ] = 0
     half_width: Annotated[
         float, Ge(0), Unit("m"), doc("of the square; 0: as dense as eight helicopters in 3 x 3 m, but 2 x 2 m at least")
     ] = 0.0
@@ -184,9 +186,7 @@ def _named(wishes: list[Trajectory]) -> dict[str, Trajectory]:
 def _ring(count: int, radius: float, height: float) -> Array:
     """Places (n, 4) on a circle, all headed north."""
     angles = 2.0 * pi * np.arange(count) / count
-    return np.column_stack(
-        [radius * np.cos(angles), radius * np.sin(angles), np.full(count, height), np.zeros(count)]
-    )
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(count, height), np.zeros(count)])
 
 
 def _direct(start: Array, goal: Array, speed: float, acceleration: float) -> Waypoints:

@@ -106,13 +106,14 @@ def checked_several(several: Any) -> Several:
     fleet = checked.fleet()
     if not 1 <= len(fleet) <= MOST_SHIPS:
         raise ExperimentError(
-            f"there are {len(fleet)} helicopters: give 1 to {MOST_SHIPS}, by scenario=swap scenario.ships=4 or [ships.a]"
+            f"there are {len(fleet)} helicopters: give 1 to {MOST_SHIPS}, by scenario=swap scenario.ships=4, or by"
+            " ships.a.trajectory=hover and others"
         )
     _check_equal(fleet)
     known = components(next(iter(fleet.values())))
     unknown = next((name for name in checked.shared if name not in known), None)
     if unknown is not None:
-        raise ExperimentError(f"shared: unknown component {instead(unknown, known)}. {listing(known)}")
+        raise ExperimentError(f"shared: unknown component {instead(unknown, known)}")
     return checked
 
 

@@ -9,7 +9,6 @@ import json
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -42,19 +41,13 @@ from heli_twin.experiment.tree import (
     tree_of,
     unknown_field,
 )
-from heli_twin.experiment.values import ExperimentError, check_size, listing
-from heli_twin.terminal_text import clean
+from heli_twin.experiment.values import ExperimentError, check_size
+from heli_twin.terminal_text import clean, instead
 
 ROOM = frozenset({"scenario", "coordination", "network", "shared"})
 """Fields of the room; the first words of their paths."""
 SIGNS = ROOM | {"ships", "every", "base"}
 """A TOML file with one of these at its top is of several helicopters."""
-
-
-def several_presets() -> dict[str, Path]:
-    """Return the TOML files of several helicopters that come with heli_twin, by name."""
-    folder = Path(str(files("heli_twin") / "presets" / "several"))
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def is_several(source: str | None) -> bool:
@@ -65,7 +58,7 @@ def is_several(source: str | None) -> bool:
     """
     if source is None or source in presets():
         return False
-    return source in several_presets() or (source.endswith(".toml") and not SIGNS.isdisjoint(parsed_file(source)[1]))
+    return source in presets("several") or (source.endswith(".toml") and not SIGNS.isdisjoint(parsed_file(source)[1]))
 
 
 def load_several(source: str, overrides: Iterable[str] = ()) -> Several:
@@ -78,9 +71,9 @@ def load_several(source: str, overrides: Iterable[str] = ()) -> Several:
     Raises:
         ExperimentError: The source or an override is wrong; the message names the nearest valid choice.
     """
-    known = several_presets()
+    known = presets("several")
     if source not in known and not source.endswith(".toml"):
-        raise ExperimentError(f"unknown preset '{clean(source, 80)}' of several helicopters. {listing(known)}")
+        raise ExperimentError(f"unknown preset {instead(source, known)}; a file of your own ends in .toml")
     path, file = parsed_file(str(known.get(source, source)))
     version = file.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:

@@ -29,9 +29,9 @@ from heli_twin.experiment.values import DEEPEST, ExperimentError, check_size, li
 from heli_twin.terminal_text import clean, instead
 
 
-def presets() -> dict[str, Path]:
-    """Return the TOML files of the experiments that come with heli_twin, by name."""
-    folder = Path(str(files("heli_twin") / "presets"))
+def presets(folder_name: str = "") -> dict[str, Path]:
+    """Return the TOML files of the experiments that come with heli_twin, by name; `several`: of several helicopters."""
+    folder = Path(str(files("heli_twin") / "presets")) / folder_name
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
@@ -273,7 +273,13 @@ def parsed_file(source: str) -> tuple[Path, Tree]:
     known = presets()
     path = known.get(source, Path(source))
     if source not in known and path.suffix != ".toml":
-        raise ExperimentError(f"unknown preset {instead(source, known)}; a file of your own ends in .toml")
+        if source in presets("several"):
+            raise ExperimentError(f"{source} is of several helicopters: `heli-twin fly` and `fly_several` fly it")
+        together = ", ".join(presets("several"))
+        raise ExperimentError(
+            f"unknown preset {instead(source, known)}; of several helicopters: {together}; a file of your own ends in"
+            " .toml"
+        )
     try:
         if path.exists() and not path.is_file():
             raise ExperimentError(f"cannot read {clean(path, 200)}: it is not a file")

@@ -41,9 +41,7 @@ def nearest(paths: Mapping[str, tuple[Array, Array]], axes: int = 3) -> Nearest 
         paths: Of each by its name: times (n,), s, ascending, and positions (n, 3), world, m.
         axes: 3 for distances in space, 2 for those in the plane.
     """
-    found = [
-        Nearest(*least, (a, b)) for a, b in combinations(paths, 2) if (least := _least(paths[a], paths[b], axes))
-    ]
+    found = [Nearest(*least, (a, b)) for a, b in combinations(paths, 2) if (least := _least(paths[a], paths[b], axes))]
     return min(found, default=None)
 
 
@@ -127,17 +125,20 @@ def arrival(log: Log, wish: Trajectory) -> Arrival:
         log: Of the helicopter.
         wish: What it wanted to fly.
     """
-    moved, end = motion(log), 1e-9 * log.ending.time
+    moved = motion(log)
     if not len(moved.time):
         return Arrival(arrived=False, time=None, stuck=0.0)
-    last = wish.flat(np.array([end]))
-    goal = last.z[0, :3]
-    away = np.linalg.norm(moved.state[:, :3] - goal, axis=1) > ARRIVED_M
-    intact = log.outcome in ("completed", "landed")
+    last = wish.flat(np.array([LONG_S]))
     goes_on = bool(np.linalg.norm(last.dz[0, :3]) > STANDING_M_S)
-    when = float(moved.time[np.flatnonzero(away)[-1] + 1]) if away.any() and not away[-1] else float(moved.time[0])
-    there = intact and not away[-1]
-    return Arrival(there, when if there and not goes_on else None, _stuck(log, goal))
+    goal = wish.flat(moved.time[-1:]).z[0, :3] if goes_on else last.z[0, :3]
+    away = np.linalg.norm(moved.state[:, :3] - goal, axis=1) > ARRIVED_M
+    there = log.outcome in ("completed", "landed") and not away[-1]
+    when = float(moved.time[np.flatnonzero(away)[-1] + 1 if away.any() else 0]) if there and not goes_on else None
+    return Arrival(there, when, 0.0 if goes_on else _stuck(log, goal))
+
+
+LONG_S = 36_000.0
+"""A wish that moves then goes on for ever."""
 
 
 def _stuck(log: Log, goal: Array) -> float:

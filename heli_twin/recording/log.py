@@ -94,9 +94,10 @@ OutcomeKind = Literal[
     "imported",
     "unknown",
 ]
-"""Outcomes of a flight. `landed`: the supervisor ended it early; `collided`: it touched another helicopter; `invalid`: the process of the control law failed, so
-that the flight has no digest and says nothing about the law; `aborted`: the program raised; `interrupted`: the log
-was recovered and does not say; `imported`: a recording of poses; `unknown`: none that this version knows."""
+"""Outcomes of a flight. `landed`: the supervisor ended it early; `collided`: it touched another helicopter; `invalid`:
+the process of the control law failed, so that the flight has no digest and says nothing about the law; `aborted`: the
+program raised; `interrupted`: the log was recovered and does not say; `imported`: a recording of poses; `unknown`: none
+that this version knows."""
 OUTCOMES: Mapping[str, OutcomeKind] = {kind: kind for kind in get_args(OutcomeKind)}
 
 Origin = Literal["flight", "import", "resolve", "unknown"]
@@ -210,11 +211,14 @@ class Log:
         if name not in self.ships:
             what = f"has no helicopter {instead(name, self.ships)}" if self.ships else "is of one helicopter alone"
             raise LogError(f"the log {what}")
-        record, attached = self.ships[name], {
-            title.removeprefix(f"{name}/"): file._replace(name=title.removeprefix(f"{name}/"))
-            for title, file in self.attachments.items()
-            if title.startswith(f"{name}/")
-        }
+        record, attached = (
+            self.ships[name],
+            {
+                title.removeprefix(f"{name}/"): file._replace(name=title.removeprefix(f"{name}/"))
+                for title, file in self.attachments.items()
+                if title.startswith(f"{name}/")
+            },
+        )
         if EXPERIMENT not in attached:
             raise LogError(f"does not say what {clean(name, 60)} flew: give a log that heli-twin recorded")
         return Log(

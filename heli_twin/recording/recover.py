@@ -90,7 +90,9 @@ def _salvage(data: bytes) -> bytes:
     for attachment in attachments.values():
         log.attachment(attachment.name, attachment.media_type, attachment.data)
     last = 0
-    for messages in sorted(filter(None, (_messages(chunk, topics, allowance) for chunk in chunks.values())), key=_begin):
+    for messages in sorted(
+        filter(None, (_messages(chunk, topics, allowance) for chunk in chunks.values())), key=_begin
+    ):
         for message in messages:
             log.message(*message)
             last = max(last, message[1])

@@ -13,7 +13,17 @@ from heli_twin.recording.growing_file import LogFile
 from heli_twin.recording.log import ORIGIN_KEY, Attachment, Log, OutcomeKind
 from heli_twin.recording.mcap_stream import McapStream
 from heli_twin.recording.reader import read_log
-from heli_twin.recording.schema import EXPERIMENT, FORMAT, FORMAT_OF_ONE, PROTO, SHIPS, LogError, proto, sealed, topics_of
+from heli_twin.recording.schema import (
+    EXPERIMENT,
+    FORMAT,
+    FORMAT_OF_ONE,
+    PROTO,
+    SHIPS,
+    LogError,
+    proto,
+    sealed,
+    topics_of,
+)
 from heli_twin.recording.wires import Sink, Wires
 from heli_twin.whole_file import uninterrupted
 

@@ -158,6 +158,8 @@ class Room:
         for name, other in ((a, b), (b, a)):
             if name not in self.outcomes:
                 text = f"touched {other} at {1e-9 * t:.2f} s"
+                flight = self.stations[name].flight
+                flight.show(t, flight.plant.truth())
                 self.stations[name].wires.event(t, "error", "collided", text)
                 self.outcomes[name] = Outcome("collided", t, text)
 
@@ -187,9 +189,7 @@ def planners_of(several: Several, fleet: Mapping[str, Experiment]) -> dict[str, 
     Raises:
         ExperimentError: They cannot fly together.
     """
-    ships = [
-        Ship(name, fitted(e.trajectory, e.controller.model), e.controller.model) for name, e in fleet.items()
-    ]
+    ships = [Ship(name, fitted(e.trajectory, e.controller.model), e.controller.model) for name, e in fleet.items()]
     try:
         return {name: several.coordination.planner_of(name, ships) for name in fleet}
     except ValueError as error:

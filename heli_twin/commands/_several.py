@@ -1,0 +1,134 @@
+"""What the commands do differently for several helicopters."""
+
+import json
+from argparse import Namespace
+from typing import TYPE_CHECKING, Any
+
+from heli_twin.commands import progress_bar, say
+from heli_twin.errors import HeliTwinError
+
+if TYPE_CHECKING:
+    from heli_twin.requirements import Requirement, Verdict
+    from heli_twin.several.fly import SeveralResult
+
+INVALID_RUN, BROKEN = 3, 3
+"""Exit codes: the process of a control law failed; a requirement is broken."""
+
+
+def fly_together(parsed: Namespace, source: str, overrides: list[str]) -> int:
+    """Fly several helicopters; the exit code is that of `heli-twin fly`."""
+    from heli_twin.commands.fly import requirements_named
+    from heli_twin.experiment.several_text import load_several
+    from heli_twin.several.fly import fly_several
+
+    if parsed.embed_source:
+        raise HeliTwinError("--embed-source is for one helicopter: keep the files of your own classes beside the log")
+    several = load_several(source, overrides)
+    requirements = requirements_named(parsed.require)
+    where = _destination(parsed.rerun)
+    duration = next(iter(several.fleet().values())).duration
+    with progress_bar() as bar:
+        task = bar.add_task(f"flying {len(several.fleet())}, s", total=duration)
+        result = fly_several(
+            several,
+            log_dir=None if parsed.no_log else parsed.log_dir,
+            progress=lambda t: bar.update(task, completed=t),
+        )
+    if where is not None:
+        from heli_twin.viewing.several import show_several
+
+        show_several(result.log, where)
+    return _tell(parsed, result, requirements)
+
+
+def _destination(rerun: str | None) -> Any:
+    """Read where the pictures go, before the flight; None for no pictures."""
+    if rerun is None:
+        return None
+    from heli_twin.viewing.show import destination
+
+    return destination(rerun)
+
+
+def _tell(parsed: Namespace, result: "SeveralResult", requirements: "tuple[Requirement, ...]") -> int:
+    from heli_twin.commands.judge import show as show_verdicts
+    from heli_twin.flight import INTACT, INVALID
+
+    summary = result.summary()
+    verdicts = {} if result.outcome.kind == INVALID else _verdicts(result, requirements)
+    if verdicts:
+        summary["requirements"] = {name: verdict.plain() for name, verdict in verdicts.items()}
+    if parsed.json:
+        print(json.dumps(summary, indent=2, allow_nan=False))
+    else:
+        show(summary)
+        if verdicts:
+            show_verdicts(verdicts)
+    if result.outcome.kind == INVALID:
+        return INVALID_RUN
+    if any(not verdict.holds for verdict in verdicts.values()):
+        return BROKEN
+    return 0 if result.outcome.kind in INTACT and not result.log_trouble else 1
+
+
+def _verdicts(result: "SeveralResult", requirements: "tuple[Requirement, ...]") -> "dict[str, Verdict]":
+    """Judge each helicopter: the verdicts by its name and that of the requirement."""
+    if not requirements:
+        return {}
+    from heli_twin.requirements import judge
+
+    return {
+        f"{name}: {title}": verdict
+        for name in result.log.ships
+        for title, verdict in judge(requirements, result.log.ship(name)).items()
+    }
+
+
+def show(summary: dict[str, Any]) -> None:
+    """Print how several helicopters flew."""
+    say(f"{summary['outcome']}: {summary['outcome_text']}")
+    show_ships(summary)
+    show_distances(summary)
+    digest = summary["flight_digest"]
+    say(f"{summary['real_time_factor']:.1f} times real time" + (f", digest {digest[:16]}" if digest else ""))
+    if summary["log"]:
+        say(f"log {summary['log']}; each helicopter in it is a flight, as `heli-twin info {summary['log']}#a`")
+
+
+def show_ships(summary: dict[str, Any]) -> None:
+    """Print a row for each helicopter."""
+    from heli_twin.reporting.terminal_tables import MISSING, length, milliseconds, print_table
+
+    def seconds(value: float | None) -> str:
+        return MISSING if value is None else f"{value:.2f} s"
+
+    rows = [
+        (
+            name,
+            ship["outcome"],
+            "yes" if ship["arrived"] else "no",
+            seconds(ship["time_to_goal"]),
+            seconds(ship["stuck"]),
+            *(length(ship["rmse"][axis]) for axis in "xyz"),
+            milliseconds(ship["control_step_ms"]["p99"]),
+        )
+        for name, ship in summary["ships"].items()
+    ]
+    header = ("", "outcome", "arrived", "at its goal", "stuck", "rms x", "rms y", "rms z", "step 99 %")
+    print_table(header, rows, "each helicopter; errors against the plans that it flew", left=(0, 1))
+
+
+def show_distances(summary: dict[str, Any]) -> None:
+    """Print how near they came to each other, and what the planners did."""
+    for name, where, what in (
+        ("least_distance_in_plane", "nearest", "least distance in the plane"),
+        ("least_planned", "nearest_planned", "of what they were committed to"),
+    ):
+        if summary[name] is not None:
+            at = summary[where]
+            say(f"{what}: {summary[name]:.3f} m, {' and '.join(at['ships'])} at {at['time']:.2f} s")
+    if summary["turns"]:
+        say(
+            f"{summary['turns']} turns of planners, {summary['refused_plans']} new plans refused,"
+            f" {summary['messages']} messages"
+        )
