@@ -160,8 +160,9 @@ def flown_experiment(log: Log) -> Experiment:
     """The experiment of a log.
 
     Raises:
-        ExperimentError: This version cannot fly it.
+        ExperimentError: This version cannot fly it, or it is of several helicopters.
     """
+    _require_one(log)
     try:
         return from_json(log.experiment)
     except ClassMissing as error:
@@ -172,14 +173,24 @@ def flown_experiment(log: Log) -> Experiment:
         raise ExperimentError(f"the log's experiment is none of this version of heli_twin: {error}") from None
 
 
+def _require_one(log: Log) -> None:
+    if log.ships:
+        first = next(iter(log.ships))
+        raise ExperimentError(
+            f"the log is of several helicopters, {clean(', '.join(log.ships), 120)}: name one of them, as"
+            f" RUN.mcap#{first}"
+        )
+
+
 def viewed_experiment(log: Log) -> Experiment:
     """The experiment of a log for the eye: what a class of a user's own stands for is a member of ours.
 
     Of its controller the period and the believed model are kept, so that limits and deadlines are right.
 
     Raises:
-        ExperimentError: The text is not an experiment that this version knows.
+        ExperimentError: The text is not an experiment that this version knows, or of several helicopters.
     """
+    _require_one(log)
     tree = parsed(log.experiment)
     ours = tree_of(Experiment())
     for name, table in tree.items():
@@ -197,6 +208,8 @@ def own_notices(log: Log) -> list[str]:
     Raises:
         ExperimentError: The text is not an experiment.
     """
+    if log.ships:
+        return list(dict.fromkeys(notice for name in log.ships for notice in own_notices(log.ship(name))))
     tree = parsed(log.experiment)
     return [*other_sources(tree), *other_program(tree, flown_experiment(log))]
 

@@ -137,7 +137,7 @@ def experiment_arguments(parsed: Namespace) -> tuple[str | None, list[str]]:
 
 def names_several(source: str) -> bool:
     """Return whether a preset or a TOML file is of several helicopters."""
-    from heli_twin.experiment.several_text import is_several
+    from heli_twin.experiment.text import is_several
 
     return is_several(source)
 

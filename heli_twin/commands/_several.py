@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import progress_bar, say
 from heli_twin.errors import HeliTwinError
+from heli_twin.terminal_text import pasteable
 
 if TYPE_CHECKING:
     from heli_twin.requirements import Requirement, Verdict
@@ -15,16 +16,14 @@ INVALID_RUN, BROKEN = 3, 3
 """Exit codes: the process of a control law failed; a requirement is broken."""
 
 
-def fly_together(parsed: Namespace, source: str, overrides: list[str]) -> int:
+def fly_together(parsed: Namespace, source: str, overrides: list[str], requirements: "tuple[Requirement, ...]") -> int:
     """Fly several helicopters; the exit code is that of `heli-twin fly`."""
-    from heli_twin.commands.fly import requirements_named
     from heli_twin.experiment.several_text import load_several
     from heli_twin.several.fly import fly_several
 
     if parsed.embed_source:
         raise HeliTwinError("--embed-source is for one helicopter: keep the files of your own classes beside the log")
     several = load_several(source, overrides)
-    requirements = requirements_named(parsed.require)
     where = _destination(parsed.rerun)
     duration = next(iter(several.fleet().values())).duration
     with progress_bar() as bar:
@@ -77,11 +76,7 @@ def _verdicts(result: "SeveralResult", requirements: "tuple[Requirement, ...]") 
         return {}
     from heli_twin.requirements import judge
 
-    return {
-        f"{name}: {title}": verdict
-        for name in result.log.ships
-        for title, verdict in judge(requirements, result.log.ship(name)).items()
-    }
+    return judge(requirements, result.log)
 
 
 def show(summary: dict[str, Any]) -> None:
@@ -92,7 +87,8 @@ def show(summary: dict[str, Any]) -> None:
     digest = summary["flight_digest"]
     say(f"{summary['real_time_factor']:.1f} times real time" + (f", digest {digest[:16]}" if digest else ""))
     if summary["log"]:
-        say(f"log {summary['log']}; each helicopter in it is a flight, as `heli-twin info {summary['log']}#a`")
+        first = f"{summary['log']}#{next(iter(summary['ships']))}"
+        say(f"log {summary['log']}; each helicopter in it is a flight: {pasteable('heli-twin', 'info', first)}")
 
 
 def show_ships(summary: dict[str, Any]) -> None:

@@ -75,7 +75,7 @@ def run(parsed: Namespace) -> int:
 
     source, overrides = experiment_arguments(parsed)
     if source is not None and names_several(source):
-        return fly_together(parsed, source, overrides)
+        return fly_together(parsed, source, overrides, requirements_named(parsed.require))
     experiment, envelope = load(source, overrides), envelope_in(source)
     requirements = requirements_named(parsed.require)
     with progress_bar() as bar:

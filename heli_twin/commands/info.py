@@ -33,15 +33,72 @@ def run(parsed: Namespace) -> int:
     import numpy as np
 
     from heli_twin.recording import read_log
+    from heli_twin.recording.reader import of_ship
 
+    log, (path, _) = read_log(parsed.log), of_ship(parsed.log)
     with np.errstate(all="ignore"):
-        facts = about(read_log(parsed.log))
-    facts |= {"file": str(parsed.log), "size": parsed.log.stat().st_size}
+        facts = about_several(log) if log.ships else about(log)
+    facts |= {"file": str(parsed.log), "size": path.stat().st_size}
     if parsed.json:
         print(json.dumps(facts, indent=2, allow_nan=False, default=str))
+    elif log.ships:
+        show_several(facts)
     else:
         show(facts)
     return 0
+
+
+def about_several(log: "Log") -> dict[str, Any]:
+    """The facts about a log of several helicopters, as JSON can hold them; under `ships` those of each."""
+    from heli_twin.experiment.tree import ExperimentError
+    from heli_twin.several.fly import flown_several, summary_of
+
+    metrics: dict[str, Any] = {}
+    problem = None
+    try:
+        metrics = summary_of(log, flown_several(log))
+    except ExperimentError as error:
+        problem = str(error)
+    return {
+        "outcome": log.outcome,
+        "outcome_text": log.ending.text,
+        "duration": 1e-9 * log.ending.time,
+        "recovered": log.ending.recovered,
+        "digest": log.digest,
+        "experiment_problem": problem,
+        "metadata": dict(log.metadata),
+        "metrics": {key: _finite(value) for key, value in metrics.items() if key != "ships"},
+        "ships": {name: about(log.ship(name)) | _reached(metrics, name) for name in log.ships},
+    }
+
+
+def _reached(metrics: dict[str, Any], name: str) -> dict[str, Any]:
+    ship = metrics.get("ships", {}).get(name, {})
+    return {key: ship.get(key) for key in ("arrived", "time_to_goal", "stuck")}
+
+
+def show_several(facts: dict[str, Any]) -> None:
+    """Print the facts about a log of several helicopters for a person."""
+    from heli_twin.commands._several import show_distances, show_ships
+
+    say(f"{'file':<16} {facts['file']}, {facts['size'] / 1e6:.2f} MB")
+    rows = [
+        ("helicopters", ", ".join(facts["ships"])),
+        ("outcome", f"{facts['outcome']} after {facts['duration']:g} s: {facts['outcome_text']}"),
+        ("digest", facts["digest"]),
+        *facts["metadata"].items(),
+    ]
+    if facts["recovered"]:
+        rows.append(("recovered", "yes: this is what was saved of a broken log"))
+    for key, value in rows:
+        print(f"{clean(key, VALUE_LIMIT):<16} {clean(value, VALUE_LIMIT)}")
+    if facts["experiment_problem"]:
+        print(clean(facts["experiment_problem"], VALUE_LIMIT))
+        return
+    show_ships({"ships": {name: ship | ship["metrics"] for name, ship in facts["ships"].items()}})
+    show_distances(facts["metrics"])
+    first = next(iter(facts["ships"]))
+    say(f"of one of them: {pasteable('heli-twin', 'info', facts['file'] + '#' + first)}")
 
 
 def about(log: "Log") -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import add_with, command, file_path, load_with, progress_bar, say
 from heli_twin.commands.fly import INVALID_RUN, requirements_named, verdicts_on
@@ -12,6 +12,7 @@ from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.reanalysis.refly import Refly
+    from heli_twin.recording import Log
     from heli_twin.requirements import Verdict
 
 
@@ -47,10 +48,9 @@ def run(parsed: Namespace) -> int:
     """Fly it again; the exit code is 1 when an unchanged experiment flew differently."""
     import numpy as np
 
-    from heli_twin.experiment.text import changed
     from heli_twin.flight import INVALID
-    from heli_twin.logbook import flown_experiment, own_notices, physics_notice
-    from heli_twin.reanalysis.effort import flight_effort, require_agreement
+    from heli_twin.logbook import own_notices, physics_notice
+    from heli_twin.reanalysis.effort import require_agreement
     from heli_twin.reanalysis.refly import refly
     from heli_twin.recording import read_log
     from heli_twin.requirements import judge as judge_log
@@ -58,16 +58,14 @@ def run(parsed: Namespace) -> int:
     load_with(parsed)
     requirements, log = requirements_named(parsed.require), read_log(parsed.log)
     before = judge_log(requirements, log) if requirements else {}
-    flown = flown_experiment(log)
     for notice in (physics_notice(log), *own_notices(log)):
         if notice:
             say(notice)
-    experiment = changed(flown, parsed.overrides)
-    require_agreement(flight_effort(experiment), "flying this log again", parsed.yes)
-    differs = experiment != flown
+    differs, duration, effort = _asked(log, parsed.overrides)
+    require_agreement(effort, "flying this log again", parsed.yes)
     log_dir = None if parsed.no_log else parsed.log_dir or (Path("logs") if differs else None)
     with progress_bar() as bar:
-        task = bar.add_task("flying, s", total=experiment.duration)
+        task = bar.add_task("flying, s", total=duration)
         again = refly(log, parsed.overrides, log_dir=log_dir, progress=lambda t: bar.update(task, completed=t))
     if again.result.outcome.kind == INVALID:
         say(f"invalid: {again.result.outcome.text}")
@@ -86,6 +84,25 @@ def run(parsed: Namespace) -> int:
     if any(not verdict.holds for verdict in after.values()):
         return BROKEN
     return 0 if differs or again.verdict != "different" else 1
+
+
+def _asked(log: "Log", overrides: Sequence[str]) -> tuple[bool, float, float]:
+    """Whether it differs from what was flown, its duration, s, and its computing time, s."""
+    from heli_twin.experiment.text import changed
+    from heli_twin.logbook import flown_experiment
+    from heli_twin.reanalysis.effort import flight_effort
+
+    if log.ships:
+        from heli_twin.experiment.several_text import changed_several
+        from heli_twin.several.fly import flown_several
+
+        together = flown_several(log)
+        several = changed_several(together, overrides)
+        fleet = list(several.fleet().values())
+        return several != together, fleet[0].duration, sum(map(flight_effort, fleet))
+    flown = flown_experiment(log)
+    experiment = changed(flown, overrides)
+    return experiment != flown, experiment.duration, flight_effort(experiment)
 
 
 def judge(again: "Refly") -> None:
@@ -155,11 +172,10 @@ def _change(before: "Verdict", now: "Verdict") -> tuple[str, str, str, str]:
 def compare(again: "Refly") -> None:
     """Print both results."""
     from heli_twin.metrics.flat import flat
-    from heli_twin.metrics.tracking import metrics
     from heli_twin.reporting.terminal_tables import metric_text, print_table
     from heli_twin.reporting.words import metric
 
-    logged, now = flat(metrics(again.logged)), flat(metrics(again.result.log))
+    logged, now = flat(_metrics(again.logged)), flat(_metrics(again.result.log))
     rows: list[Sequence[str]] = []
     for key in (*now, *(key for key in logged if key not in now)):
         a, b = logged.get(key), now.get(key)
@@ -168,4 +184,16 @@ def compare(again: "Refly") -> None:
             change = metric_text(key, b - a, signed=True)
         rows.append((metric(key).name, metric_text(key, a), metric_text(key, b), change))
     print_table(("", "logged", "flown again", "difference"), rows, f"with {' '.join(again.overrides)}")
-    print("errors against the truth")
+    if not again.logged.ships:
+        print("errors against the truth")
+
+
+def _metrics(log: "Log") -> dict[str, Any]:
+    if not log.ships:
+        from heli_twin.metrics.tracking import metrics
+
+        return metrics(log)
+    from heli_twin.metrics.several import several_metrics
+    from heli_twin.several.fly import flown_several, wishes_of
+
+    return several_metrics(log, wishes_of(flown_several(log)))

@@ -82,6 +82,8 @@ _EQUAL: dict[str, tuple[Callable[[Experiment], Any], str]] = {
     "noise": (lambda e: [list(pair) for pair in e.noise], ""),
 }
 """What is one for the whole room."""
+_SAID_BY = {"estimator.lead": "estimator.command_delay"}
+"""The field that says a value, where it has another name."""
 
 
 def checked_several(several: Any) -> Several:
@@ -125,5 +127,6 @@ def _check_equal(fleet: Mapping[str, Experiment]) -> None:
                 raise ExperimentError(
                     f"ships.{name}.{path} = {value(other)} {unit}".rstrip()
                     + f", but {value(one)} {unit}".rstrip()
-                    + f" for {first}: it has to be the same for all in one room; write {path}=... for all of them"
+                    + f" for {first}: it has to be the same for all in one room; write {_SAID_BY.get(path, path)}=..."
+                    " for all of them"
                 )

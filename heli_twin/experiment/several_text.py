@@ -46,19 +46,6 @@ from heli_twin.terminal_text import clean, instead
 
 ROOM = frozenset({"scenario", "coordination", "network", "shared"})
 """Fields of the room; the first words of their paths."""
-SIGNS = ROOM | {"ships", "every", "base"}
-"""A TOML file with one of these at its top is of several helicopters."""
-
-
-def is_several(source: str | None) -> bool:
-    """Return whether a preset or a TOML file is of several helicopters.
-
-    Raises:
-        ExperimentError: The file cannot be read.
-    """
-    if source is None or source in presets():
-        return False
-    return source in presets("several") or (source.endswith(".toml") and not SIGNS.isdisjoint(parsed_file(source)[1]))
 
 
 def load_several(source: str, overrides: Iterable[str] = ()) -> Several:

@@ -35,6 +35,23 @@ def presets(folder_name: str = "") -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
+SIGNS_OF_SEVERAL = frozenset({"scenario", "coordination", "network", "shared", "ships", "every", "base"})
+"""A TOML file with one of these at its top is of several helicopters."""
+
+
+def is_several(source: str | None) -> bool:
+    """Return whether a preset or a TOML file is of several helicopters.
+
+    Raises:
+        ExperimentError: The file cannot be read.
+    """
+    if source is None or source in presets():
+        return False
+    return source in presets("several") or (
+        source.endswith(".toml") and not SIGNS_OF_SEVERAL.isdisjoint(parsed_file(source)[1])
+    )
+
+
 def load(source: str | None = None, overrides: Iterable[str] = ()) -> Experiment:
     """Read an experiment from a preset or a TOML file and change it.
 

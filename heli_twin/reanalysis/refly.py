@@ -15,14 +15,18 @@ from google.protobuf.message import DecodeError, Message
 
 from controllers.rotations import wrap_angle
 from heli_twin.errors import HeliTwinError
+from heli_twin.experiment.several_text import changed_several
 from heli_twin.experiment.text import changed
 from heli_twin.flight import INVALID
 from heli_twin.logbook import PHYSICS, flown_experiment, physics_notice
 from heli_twin.mission import Result, fly
-from heli_twin.recording import Log, flight_pb2
+from heli_twin.recording import Log, flight_pb2, ships_pb2
 from heli_twin.recording.foxglove import LogMessage
-from heli_twin.recording.log import Messages
-from heli_twin.recording.schema import LATER_WIRES, TIMING, TOPICS, WIRES
+from heli_twin.recording.log import SHIP_KEY, Messages
+from heli_twin.recording.reader import within_ship
+from heli_twin.recording.schema import LATER_WIRES, MEASURED, SHIP_WIRES, WIRES, topics_of
+from heli_twin.several.fly import SeveralResult, flown_several, fly_several
+from heli_twin.terminal_text import clean
 
 POSITION_TOLERANCE_M = 0.002
 """Between two machines. One thrust count that rounds the other way (2/682 of full stick for a radio frame of 22 ms)
@@ -53,7 +57,7 @@ class Refly:
     """A logged flight, and the flight of its experiment again."""
 
     logged: Log
-    result: Result
+    result: Result | SeveralResult
     overrides: tuple[str, ...]
     difference: FirstDifference | None
     """None if all messages but the measured times are equal."""
@@ -97,7 +101,9 @@ def refly(
         raise HeliTwinError("the log was imported from a recording: there is no simulated flight to fly again")
     if log.origin == "resolve":
         raise HeliTwinError("the log holds counterfactual inputs: fly the log again that it was resolved from")
-    result = fly(changed(flown_experiment(log), overrides), log_dir=log_dir, progress=progress)
+    if ship := log.metadata.get(SHIP_KEY):
+        raise HeliTwinError(f"{clean(ship, 60)} flew with others in one room: fly the log of all again, without #")
+    result = _flown_again(log, overrides, log_dir, progress)
     position_m, yaw_rad = _deviation(log, result.log)
     return Refly(
         log,
@@ -110,10 +116,19 @@ def refly(
     )
 
 
+def _flown_again(
+    log: Log, overrides: Sequence[str], log_dir: Path | str | None, progress: Callable[[float], None]
+) -> Result | SeveralResult:
+    if log.ships:
+        return fly_several(changed_several(flown_several(log), overrides), log_dir=log_dir, progress=progress)
+    return fly(changed(flown_experiment(log), overrides), log_dir=log_dir, progress=progress)
+
+
 def first_difference(logged: Log, reflown: Log) -> FirstDifference | None:
-    """The earliest message that differs, measured times apart; at one time, of the first topic in `TOPICS`."""
+    """The earliest message that differs, measured times apart; at one time, of the first topic of the log."""
     differences: list[FirstDifference] = []
-    for topic in (topic.name for topic in TOPICS if topic.name != TIMING):
+    ships = tuple(dict.fromkeys([*logged.ships, *reflown.ships]))
+    for topic in (topic.name for topic in topics_of(ships) if not topic.name.endswith(MEASURED)):
         ours = logged.messages.get(topic, Messages((), ()))
         theirs = reflown.messages.get(topic, Messages((), ()))
         difference = _first_on(topic, ours, theirs, prefix=is_beginning(logged))
@@ -143,8 +158,8 @@ def _first_on(topic: str, logged: Messages, reflown: Messages, prefix: bool) -> 
 
 
 _TYPES: Mapping[str, type[Message]] = {"/events": LogMessage} | {
-    topic.name: getattr(flight_pb2, topic.schema_name.rpartition(".")[2])
-    for topic in WIRES + LATER_WIRES
+    topic.name: getattr(ships_pb2 if topic in SHIP_WIRES else flight_pb2, topic.schema_name.rpartition(".")[2])
+    for topic in WIRES + LATER_WIRES + SHIP_WIRES
     if topic.schema_name.startswith("heli_twin.")
 }
 
@@ -152,10 +167,11 @@ _TYPES: Mapping[str, type[Message]] = {"/events": LogMessage} | {
 def _field(topic: str, t: int, logged: bytes, reflown: bytes) -> FirstDifference:
     """The first field in which two messages differ."""
     unknown = FirstDifference(topic, t, "(the message)", f"{len(logged)} bytes", f"{len(reflown)} bytes")
-    if topic not in _TYPES:
+    kind = _TYPES.get(topic) or _TYPES.get(within_ship(topic))
+    if kind is None:
         return unknown
     try:
-        ours, theirs = (_TYPES[topic].FromString(data) for data in (logged, reflown))
+        ours, theirs = (kind.FromString(data) for data in (logged, reflown))
     except DecodeError:
         return unknown
     for field in ours.DESCRIPTOR.fields:
@@ -182,6 +198,11 @@ def _platforms(logged: Mapping[str, str], now: Mapping[str, str]) -> dict[str, t
 @np.errstate(all="ignore")
 def _deviation(logged: Log, reflown: Log) -> tuple[float, float]:
     """Largest distance, m, and yaw difference, rad, between the two helicopters at the times that both logs have."""
+    if logged.ships:
+        if [*logged.ships] != [*reflown.ships]:
+            return np.inf, np.inf
+        each = [_deviation(logged.ship(name), reflown.ship(name)) for name in logged.ships]
+        return max(distance for distance, _ in each), max(yaw for _, yaw in each)
     _, ours, theirs = np.intersect1d(logged.truth.time, reflown.truth.time, return_indices=True)
     if not len(ours):
         return np.inf, np.inf

@@ -36,6 +36,8 @@ from heli_twin.recording.schema import (
     LAYOUTS,
     QP_STATUS,
     SEVERITIES,
+    SHIP_WIRES,
+    TOPICS,
     LogError,
     Severity,
     extra_estimate_layout,
@@ -157,6 +159,8 @@ class Turn(NamedTuple):
     """Messages since the last turn."""
 
 
+_OF_ONE = frozenset(topic.name for topic in (*TOPICS, *SHIP_WIRES))
+"""Topics that a log of several helicopters has under their names alone."""
 SHIP_KEY = "ship"
 """Key in the metadata of `Log.ship`: the name of the helicopter."""
 
@@ -193,6 +197,7 @@ class Log:
         attachments: Files in the log, by name.
         ending: Outcome, time and reason of the end.
         ships: Of a log of several helicopters, by their names; `ship` returns the log of one. Empty for a log of one.
+        others: Of one of several helicopters: where the others were, by their names.
     """
 
     messages: Mapping[str, Messages]
@@ -201,6 +206,7 @@ class Log:
     attachments: Mapping[str, Attachment] = field(default_factory=dict)
     ending: Ending = field(default_factory=Ending)
     ships: Mapping[str, ShipRecord] = field(default_factory=dict[str, ShipRecord])
+    others: Mapping[str, "Log"] = field(default_factory=dict[str, "Log"])
 
     def ship(self, name: str) -> "Log":
         """Return the log of one of several helicopters, which is like any other.
@@ -231,6 +237,11 @@ class Log:
             metadata={**self.metadata, **record.metadata, SHIP_KEY: name},
             attachments=attached,
             ending=record.ending._replace(digest=self.digest, recovered=self.ending.recovered),
+            others={
+                other: Log({"/truth": self._messages(f"/{other}/truth")}, ending=self.ships[other].ending)
+                for other in self.ships
+                if other != name
+            },
         )
 
     def __repr__(self) -> str:
@@ -411,7 +422,7 @@ class Log:
         return Timings(*self._columns("/timing"))
 
     def _messages(self, topic: str) -> Messages:
-        if self.ships and topic not in self.messages:
+        if self.ships and topic in _OF_ONE:
             raise LogError(
                 f"the log is of several helicopters, {clean(', '.join(self.ships), 120)}: ask for one of them, as"
                 f" log.ship('{next(iter(self.ships))}') or as RUN.mcap#{next(iter(self.ships))} on the command line"

@@ -66,12 +66,15 @@ def judge(requirements: Iterable[Requirement], log: Log) -> dict[str, Verdict]:
         log: The flight; an imported one too, as far as it holds the signals.
 
     Returns:
-        The verdict on each requirement, by name.
+        The verdict on each requirement, by name; of several helicopters that on each of them, as `a: NAME`.
 
     Raises:
         HeliTwinError: The log does not hold a signal.
     """
     requirements = tuple(requirements)
+    if log.ships:
+        of_each = {ship: judge(requirements, log.ship(ship)) for ship in log.ships}
+        return {f"{ship}: {name}": verdict for ship, each in of_each.items() for name, verdict in each.items()}
     leaves = {requirement.name: list(requirement.parsed.leaves()) for requirement in requirements}
     trace = trace_of(log, {name for each in leaves.values() for leaf in each for name in leaf.signals()})
     start = _start(log)

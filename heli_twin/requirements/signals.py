@@ -19,6 +19,8 @@ from heli_twin.recording import Log
 from heli_twin.recording.log import OUTCOMES, Times
 from heli_twin.requirements.formula import Trace
 
+OTHERS = "others"
+"""What a log has that is of one of several helicopters."""
 POSES_LOST_S = 0.1
 """Without a new pose for so long, the poses are lost."""
 FULL = 1.0 - 1e-6
@@ -83,6 +85,15 @@ def _tilt(motion: Motion) -> Array:
     return 2.0 * np.arcsin(np.sqrt(np.clip(q[:, 1] ** 2 + q[:, 2] ** 2, 0.0, 1.0)))
 
 
+def _distance(motion: Motion, axes: int = 3) -> Array:
+    """(n,) of the nearest other helicopter; one whose flight is over stays where it was."""
+    apart = [
+        motion.held(other.truth.time, other.truth.position, np.nan) - motion.position
+        for other in motion.log.others.values()
+    ]
+    return np.min([np.linalg.norm(each[:, :axes], axis=1) for each in apart], axis=0)
+
+
 def _poses_lost(motion: Motion) -> NDArray[np.bool_]:
     arrived = motion.held(motion.log.pose.time, motion.log.pose.time, 0.0)
     return 1e-9 * (motion.time - arrived) > POSES_LOST_S
@@ -126,6 +137,8 @@ _MEASURED: dict[str, Signal] = {
     "error.y": Signal("m", "error in y", lambda m: _error(m)[:, 1], "reference"),
     "error.z": Signal("m", "error in height", lambda m: _error(m)[:, 2], "reference"),
     "error.yaw": Signal("rad", "error of the heading, -180 to 180 deg", lambda m: _error(m)[:, 3], "reference"),
+    "distance": Signal("m", "from the nearest other helicopter in the room, between the centres", _distance, OTHERS),
+    "distance.horizontal": Signal("m", "the same in the plane", lambda m: _distance(m, axes=2), OTHERS),
     "x": Signal("m", "position in the world", lambda m: m.position[:, 0]),
     "y": Signal("m", "position in the world", lambda m: m.position[:, 1]),
     "height": Signal("m", "above the floor", lambda m: m.position[:, 2]),
@@ -180,7 +193,9 @@ def trace_of(log: Log, names: set[str]) -> Trace:
     motion = _motion(log)
     for name in sorted(names):
         topic = SIGNALS[name].topic
-        if topic and not len(getattr(log, topic).time):
+        if topic == OTHERS and not log.others:
+            raise HeliTwinError(f"the log does not say '{name}': the helicopter flew without `{OTHERS}` in the room")
+        if topic and topic != OTHERS and not len(getattr(log, topic).time):
             raise HeliTwinError(f"the log does not say '{name}': it has no `{topic}`")
     return Trace(
         motion.period, len(motion.time), {name: np.asarray(SIGNALS[name].of(motion), np.float64) for name in names}

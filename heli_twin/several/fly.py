@@ -13,8 +13,9 @@ from controllers.laws.external import External
 from controllers.proxqp import BUILD_TROUBLE
 from controllers.trajectories import Trajectory, fitted
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.own import ClassMissing
 from heli_twin.experiment.several import Several, checked_several
-from heli_twin.experiment.several_text import load_several, several_json, several_toml
+from heli_twin.experiment.several_text import load_several, several_from_json, several_json, several_toml
 from heli_twin.experiment.tree import ExperimentError, canonical_json, toml_of
 from heli_twin.flight import INVALID, Outcome
 from heli_twin.lab.plant import Plant
@@ -138,6 +139,20 @@ def fly_several(
     return SeveralResult(
         several, outcome, outcomes, recorder.path, digest, factor, data, recorder.trouble, BUILD_TROUBLE
     )
+
+
+def flown_several(log: Log) -> Several:
+    """What a log of several helicopters says that they flew.
+
+    Raises:
+        ExperimentError: This version cannot fly it.
+    """
+    try:
+        return several_from_json(log.experiment)
+    except ClassMissing:
+        raise
+    except ExperimentError as error:
+        raise ExperimentError(f"the log's experiment is none of this version of heli_twin: {error}") from None
 
 
 def checked_fleet(several: Several) -> Several:

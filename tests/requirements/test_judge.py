@@ -14,7 +14,7 @@ from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log
 from heli_twin.requirements import RequirementError, judge, requirements_of
 from heli_twin.requirements.file import shipped
-from heli_twin.requirements.signals import SIGNALS, trace_of
+from heli_twin.requirements.signals import OTHERS, SIGNALS, trace_of
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +91,12 @@ def test_without_cameras_it_lands_as_the_shipped_requirements_ask(outage) -> Non
 
 
 def test_every_signal_is_in_a_flight_or_is_said_to_be_missing(hover) -> None:
+    beside = replace(hover, others={"b": hover})
     for name in SIGNALS:
-        values = trace_of(hover, {name}).signals[name]
+        if SIGNALS[name].topic == OTHERS:
+            with pytest.raises(HeliTwinError, match=f"the log does not say '{name}'"):
+                trace_of(hover, {name})
+        values = trace_of(beside, {name}).signals[name]
         assert values.shape == (len(hover.truth.time),)
         assert SIGNALS[name].unit is not None or set(values) <= {0.0, 1.0}
 

@@ -1,0 +1,168 @@
+"""Several helicopters in one loop and one log."""
+
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controllers.flatness import state
+from controllers.trajectories.hover import Hover
+from heli_twin.experiment import Experiment
+from heli_twin.experiment.several import Several, components
+from heli_twin.experiment.several_text import load_several
+from heli_twin.experiment.tree import ExperimentError, from_json
+from heli_twin.flight import Flight
+from heli_twin.lab.chance import generator
+from heli_twin.logbook import begin_log, flown_experiment
+from heli_twin.metrics.tracking import metrics
+from heli_twin.reanalysis.refly import refly
+from heli_twin.reanalysis.resolve import resolve
+from heli_twin.recording import LogError, read_log, recover
+from heli_twin.recording.schema import FORMAT, MEASURED
+from heli_twin.several.fly import SeveralResult, fly_several
+from heli_twin.several.room import chance_of
+
+
+def flown(*overrides: str) -> SeveralResult:
+    return fly_several(load_several("pair", overrides), log_dir=None)
+
+
+@pytest.fixture(scope="module")
+def apart() -> SeveralResult:
+    """Two helicopters that hover far from each other."""
+    return flown("duration=1", "scenario=own", "trajectory=hover", "ships.a.trajectory.y=1", "ships.b.trajectory.y=-1")
+
+
+@pytest.fixture(scope="module")
+def met() -> SeveralResult:
+    """Two helicopters that fly at each other and do not know of it."""
+    return flown("duration=3", "scenario.radius=0.6")
+
+
+def test_each_flies_bit_for_bit_as_it_would_alone(apart: SeveralResult):
+    for name, e in apart.several.fleet().items():
+        plant = e.plant.start(state(e.trajectory.flat(np.zeros(1)))[0])
+        with begin_log(None, e) as recorder:
+            outcome = Flight(e, plant, recorder, chance=chance_of(generator, name, ())).run()
+            recorder.close(outcome.kind, outcome.time)
+        alone, together = recorder.log(), apart.log.ship(name)
+        for topic, messages in alone.messages.items():
+            if topic not in (*MEASURED, "/view/reference_path", "/robot_description", "/tf"):
+                assert messages == together.messages[topic], topic
+        assert together.outcome == alone.outcome
+
+
+def test_same_value_same_flight(met: SeveralResult):
+    assert flown("duration=3", "scenario.radius=0.6").flight_digest == met.flight_digest
+    assert flown("duration=3", "scenario.radius=0.6", "seed=1").flight_digest != met.flight_digest
+
+
+def test_two_that_meet_collide(met: SeveralResult):
+    assert met.outcome.kind == "collided"
+    assert {outcome.kind for outcome in met.outcomes.values()} == {"collided"}
+    summary = met.summary()
+    # They touch at two radii of the rotor, 0.19 m; in 20 ms before they came nearer by 4 cm at most.
+    assert 0.15 < summary["least_distance_in_plane"] < 0.19
+    assert summary["nearest"]["time"] == pytest.approx(summary["duration"])
+    assert summary["arrived"] == 0
+    assert {event.name for event in met.log.ship("b").events} >= {"collided"}
+
+
+def test_names_make_their_chance_and_shared_components_have_one(apart: SeveralResult):
+    winds = [apart.log.ship(name).disturbance.wind for name in "ab"]
+    assert np.abs(winds[0] - winds[1]).max() > 0.01
+    together = fly_several(replace(apart.several, shared=("gust", "bias")), log_dir=None)
+    winds = [together.log.ship(name).disturbance.wind for name in "ab"]
+    assert np.array_equal(*winds)
+    noise = [together.log.ship(name).pose.position[:, 2] for name in "ab"]
+    assert not np.array_equal(*noise)
+
+
+def test_the_log_of_one_is_a_log_like_any_other(met: SeveralResult):
+    log = met.log.ship("a")
+    assert flown_experiment(log) == met.several.fleet()["a"]
+    assert from_json(log.experiment) == met.several.fleet()["a"]
+    assert metrics(log)["outcome"] == "collided"
+    assert met.log.metadata["physics"] == log.metadata["physics"]
+    assert log.attachments["plant.xml"].data.startswith(b"<mujoco")
+    assert [plan for _, plan in log.committed] == [None]
+    assert [*log.others] == ["b"]
+
+
+def test_the_whole_log_asks_for_one_of_them(met: SeveralResult):
+    with pytest.raises(LogError, match=r"several helicopters, a, b: ask for one"):
+        _ = met.log.truth
+    with pytest.raises(ExperimentError, match=r"RUN.mcap#a"):
+        flown_experiment(met.log)
+    with pytest.raises(LogError, match=r"no helicopter 'q': .*a, b"):
+        met.log.ship("q")
+    with pytest.raises(LogError, match="of one helicopter alone"):
+        met.log.ship("a").ship("a")
+
+
+def test_one_helicopter_is_read_by_its_name_after_the_path(met: SeveralResult, tmp_path: Path):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(met.data or b"")
+    assert np.array_equal(read_log(f"{path}#b").truth.position, met.log.ship("b").truth.position)
+    few = read_log(path, ("/truth",))
+    assert {topic for topic, count in few.topics.items() if count} == {"/a/truth", "/b/truth"}
+
+
+def test_only_logs_of_several_have_the_newest_format(met: SeveralResult, apart: SeveralResult):
+    one = begin_log(None, apart.several.every)
+    one.close("completed", 0)
+    assert b"format\x01\x00\x00\x001" in (one.stream or BytesIO()).getvalue()
+    assert f"format\x01\x00\x00\x00{FORMAT}".encode() in (met.data or b"")
+
+
+def test_a_broken_log_of_several_is_recovered(met: SeveralResult, tmp_path: Path):
+    part = tmp_path / "run.mcap.part"
+    part.write_bytes((met.data or b"")[:-3000])
+    log = read_log(recover(part))
+    assert [*log.ships] == ["a", "b"]
+    whole = met.log.ship("a").truth.time
+    assert np.array_equal(log.ship("a").truth.time, whole[: len(log.ship("a").truth.time)])
+    assert len(log.ship("a").truth.time) > 0.5 * len(whole)
+
+
+def test_a_log_of_several_is_flown_again_bit_for_bit(met: SeveralResult):
+    again = refly(met.log)
+    assert again.verdict == "identical"
+    other = refly(met.log, ["ships.b.plant.mass=0.029"])
+    assert other.difference is not None
+    assert other.difference.topic.startswith("/b/")
+    assert other.position_deviation > 1e-5
+
+
+def test_the_problems_of_each_are_solved_again_bit_for_bit(met: SeveralResult):
+    for name in met.log.ships:
+        assert not resolve(met.log.ship(name)).difference.any()
+
+
+def test_one_of_them_is_not_flown_again_alone(met: SeveralResult):
+    with pytest.raises(Exception, match="flew with others"):
+        refly(met.log.ship("a"))
+
+
+def test_helicopters_made_in_python_fly(apart: SeveralResult):
+    ships = {name: Experiment(duration=0.2, trajectory=Hover(y=y)) for name, y in (("left", 1.0), ("right", -1.0))}
+    result = fly_several(Several(ships=ships), log_dir=None)
+    assert result.outcome.kind == "completed"
+    assert result.log.ship("left").truth.position[0, 1] == pytest.approx(1.0, abs=0.01)
+
+
+def test_all_components_draw_under_the_name_of_their_helicopter(apart: SeveralResult):
+    """So that `shared` can name each of them."""
+    e = load_several("pair", ["faults.pose_outage=on"]).fleet()["a"]
+    asked: list[str] = []
+
+    def chance(_: int, component: str) -> np.random.Generator:
+        asked.append(component)
+        return generator(0, component)
+
+    plant = e.plant.start(state(e.trajectory.flat(np.zeros(1)))[0])
+    with begin_log(None, e) as recorder:
+        Flight(e, plant, recorder, chance=chance)
+    assert sorted(asked) == sorted(components(e))
