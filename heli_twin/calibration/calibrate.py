@@ -185,19 +185,19 @@ def calibrate(
     hold(spread, "servo")
     problem = Problem(flights, lab_of(base), prior, spread)
     blind = fit(problem, None, progress, enough=1.0, limit=5)
-    first = fit(problem, framed(problem, blind), progress, enough=0.5, limit=4)
+    first = fit(problem, framed(problem, blind, np.log(noise.PRIOR)), progress, enough=0.5, limit=4)
     loose = Problem(flights, lab_of(base), prior, SPREAD.copy())
-    begin, gain = timed(loose, first, first.state._replace(theta=loose.started(first.state.theta, SPREAD)))
+    begin, gain = timed(loose, first, first.ahead._replace(theta=loose.started(first.ahead.theta, SPREAD)))
     if gain > FRAME_GAIN:
         first = fit(loose, begin, progress, enough=1.0, limit=4)
-        first = fit(loose, timed(loose, first, first.state)[0], progress, enough=0.5, limit=5)
+        first = fit(loose, timed(loose, first, first.ahead)[0], progress, enough=0.5, limit=5)
     kept = tuple(name for name in EFFECTS if _is_shown(first, name))
-    spread, theta = first.problem.spread.copy(), first.state.theta.copy()
+    spread, theta = first.problem.spread.copy(), first.ahead.theta.copy()
     for name in EFFECTS:
         if name not in kept:
             hold(spread, name)
             theta[[INDEX[p] for p in EFFECTS[name]]] = 0.0
-    final = fit(Problem(flights, lab_of(base), prior, spread), first.state._replace(theta=theta), progress)
+    final = fit(Problem(flights, lab_of(base), prior, spread), first.ahead._replace(theta=theta), progress)
     check_clock(final)
     limit = CONVERGED_WITH_PLAY if "servo" in kept else CONVERGED
     if final.last_step > limit and not anyway:

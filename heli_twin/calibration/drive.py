@@ -136,18 +136,26 @@ def _swashplates(u: Array, is_period: NDArray[np.bool_], plays: Array) -> Array:
     Returns:
         (n, v, 2) path.
     """
-    half = 0.5 * plays[:, :1]
-    travel = SERVO_PERIOD_S / np.maximum(plays[:, 1:], 1e-9)
-    out = np.empty((len(u), len(plays), 2))
-    servo = plate = np.broadcast_to(u[0], (len(plays), 2))
+    commands, periods = u.T.tolist(), is_period.tolist()
+    return np.array([[_path(axis, periods, *play) for axis in commands] for play in plays.tolist()]).transpose(2, 0, 1)
+
+
+def _path(commands: list[float], is_period: list[bool], backlash: float, slowness: float) -> list[float]:
+    """One servo and its linkage; a loop over numbers, which are faster than small arrays."""
+    half, travel = 0.5 * backlash, SERVO_PERIOD_S / max(slowness, 1e-9)
+    servo = plate = commands[0]
     low, high = servo - travel, servo + travel
-    for now, begins, row in zip(u, is_period.tolist(), out, strict=True):
+    path: list[float] = []
+    for now, begins in zip(commands, is_period, strict=True):
         if begins:
             low, high = servo - travel, servo + travel
-        servo = np.minimum(np.maximum(now, low), high)
-        plate = np.minimum(np.maximum(plate, servo - half), servo + half)
-        row[:] = plate
-    return out
+        servo = low if now < low else high if now > high else now
+        if plate < servo - half:
+            plate = servo - half
+        elif plate > servo + half:
+            plate = servo + half
+        path.append(plate)
+    return path
 
 
 SERVO_PERIOD_S = 1e-9 * PERIOD_NS

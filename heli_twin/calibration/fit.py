@@ -22,8 +22,6 @@ from heli_twin.calibration.parameters import INDEX
 from heli_twin.calibration.problem import FIRST, FIXED, LOG_SPREAD, N_LOG, N_THETA, Problem, State
 
 MAX_ITERATIONS = 14
-BLIND_ITERATIONS = 2
-"""Iterations with the prior's noise: before them, residuals are errors of the parameters."""
 MAX_STEP = 1.0
 """Largest step, in units of the prior's spread."""
 CONVERGED = 0.1
@@ -33,6 +31,8 @@ CONVERGED_WITH_PLAY = 0.4
 a standard deviation at most."""
 STALE = 0.5
 """Step, in posterior standard deviations, up to which the derivatives before it are used again."""
+SETTLED = 0.3
+"""Change of a variance, in standard deviations of its logarithm, up to which the variances are kept."""
 RENEWED = 5.0
 """Step, in posterior standard deviations, after which the response to wind is found again."""
 WIDER = (1.2, 1.5)
@@ -49,6 +49,8 @@ class Fit:
 
     problem: Problem
     state: State
+    ahead: State
+    """After the step that is still asked for: where a next fit begins."""
     covariance: Array
     """(n, n) of theta: the model's."""
     sandwich: Array
@@ -89,6 +91,8 @@ class _Step(NamedTuple):
     eta: Array
     """The next one."""
     eta_covariance: Array
+    eta_size: float
+    """Largest change of its entries, standard deviations."""
 
     @property
     def size(self) -> float:
@@ -107,7 +111,8 @@ def fit(
 
     Args:
         problem: The flights and the prior.
-        begin: From an earlier fit of the same flights; None for the prior.
+        begin: From an earlier fit of the same flights; None for the prior, whose noise is then kept: residuals are
+            errors of the parameters at first.
         progress: Called after every iteration.
         enough: Largest step, in posterior standard deviations, after which it stops.
         limit: Most iterations.
@@ -119,27 +124,28 @@ def fit(
 
 def _fit(problem: Problem, begin: State | None, progress: Callable[[], None], enough: float, limit: int) -> Fit:
     state = begin or problem.initial()
-    blind = 0 if begin else BLIND_ITERATIONS
-    air = problem.windage(state)
-    now, previous, share, iteration = _step(problem, state, air, None), np.inf, 1.0, 1
+    air, is_blind = problem.windage(state), begin is None
+    before, now, share, iteration = None, _step(problem, state, air, None, is_blind=is_blind), 1.0, 1
     progress()
-    while iteration < limit:
-        calm = np.max(np.abs(now.eta - state.eta) / np.sqrt(np.diag(now.eta_covariance))) < 1.0
-        if iteration > blind + 1 and now.size < enough and calm:
-            break
-        state = _moved(problem, state, now, share, keep_eta=iteration <= blind)
+    while iteration < limit and not (iteration > 1 and now.size < enough and now.eta_size < 1.0):
+        state = _moved(problem, state, now, share)
         if now.size > RENEWED:
             air = problem.windage(state)
-        is_stale = now.size > STALE or now.size > 0.5 * previous
-        previous, now = now.size, _step(problem, state, air, None if is_stale else now)
-        # Steps that do not become shorter jump over a kink of the servos' play.
-        share = max(0.5 * share, 0.1) if iteration > blind + 1 and now.size > 0.7 * previous else min(2.0 * share, 1.0)
+        is_stale = now.size > STALE or (before is not None and now.size > 0.5 * before.size)
+        before, now = now, _step(problem, state, air, None if is_stale else now, is_blind=is_blind)
+        # Steps to and fro jump over a kink of the servos' play.
+        share = max(0.5 * share, 0.1) if _turns_back(before, now) else min(2.0 * share, 1.0)
         iteration += 1
         progress()
     return _finished(problem, state, now, air, iteration)
 
 
-def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None) -> _Step:
+def _turns_back(before: _Step, now: _Step) -> bool:
+    """Whether a step is against the one before, and hardly shorter."""
+    return now.size > 0.7 * before.size and float(before.step @ np.linalg.solve(now.covariance, now.step)) < 0.0
+
+
+def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None, *, is_blind: bool) -> _Step:
     """Linearise at a state; with the derivatives of an old step where they have hardly changed."""
     if old:
         predicted, jacobian, first = problem.predict(state), old.jacobian, old.first
@@ -151,8 +157,14 @@ def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None)
     away = np.concatenate([state.theta - problem.prior, state.nuisance.ravel()])
     covariance = np.asarray(np.linalg.inv(equations.matrix + precision), np.float64)
     step = covariance @ (equations.vector - precision @ away)
-    variances = noise.next_variances(air, state.eta, residual, first)
-    return _Step(predicted, residual, jacobian, first, equations, covariance, step, *variances)
+    if is_blind:
+        eta, of_eta = state.eta, np.diag(noise.PRIOR_SPREAD**2)
+    elif old and old.eta_size < SETTLED:
+        eta, of_eta = state.eta, old.eta_covariance
+    else:
+        eta, of_eta = noise.next_variances(air, state.eta, residual, first)
+    eta_size = float(np.max(np.abs(eta - state.eta) / np.sqrt(np.diag(of_eta))))
+    return _Step(predicted, residual, jacobian, first, equations, covariance, step, eta, of_eta, eta_size)
 
 
 def _precision(problem: Problem) -> Array:
@@ -160,7 +172,7 @@ def _precision(problem: Problem) -> Array:
     return np.diag(np.concatenate([problem.spread, np.tile(LOG_SPREAD, len(problem.flights))]) ** -2.0)
 
 
-def _moved(problem: Problem, state: State, now: _Step, share: float, *, keep_eta: bool) -> State:
+def _moved(problem: Problem, state: State, now: _Step, share: float) -> State:
     longest = float(np.max(np.abs(now.step[:N_THETA]) / np.maximum(problem.spread, FIXED)))
     step = now.step * share * min(1.0, MAX_STEP / max(longest, 1e-9))
     theta = state.theta + step[:N_THETA]
@@ -170,7 +182,7 @@ def _moved(problem: Problem, state: State, now: _Step, share: float, *, keep_eta
         theta,
         state.nuisance + step[N_THETA:].reshape(-1, N_LOG),
         state.start + now.equations.to_start(step),
-        state.eta if keep_eta else now.eta,
+        now.eta,
         state.framed,
         state.servo,
     )
@@ -184,6 +196,7 @@ def _finished(problem: Problem, state: State, now: _Step, air: noise.Windage, it
     return Fit(
         problem=problem,
         state=state,
+        ahead=_moved(problem, state, now, 1.0),
         covariance=now.covariance[n, n],
         sandwich=sandwich[n, n],
         nuisance_deviation=deviation,

@@ -17,19 +17,24 @@ TURNS = 10
 """Times between two periods of the servos that are tried."""
 
 
-def framed(problem: Problem, fitted: Fit) -> State:
-    """Return the state of a fit with the frames of each log's radio where they explain its poses best, if any do.
+def framed(problem: Problem, fitted: Fit, eta: Array) -> State:
+    """Return the next state of a fit with the frames of each log's radio where they explain its poses best, if any do.
 
     Frames a millisecond apart are tried. The misfit is the weighted square of the residual, with everything else fitted
     anew in one linear step. A log whose frames explain nothing keeps the mean wait for a frame.
+
+    Args:
+        problem: The flights.
+        fitted: With the mean wait for a frame.
+        eta: Noise of a twin whose frames are right.
     """
     with threadpool_limits(limits=1):
-        return _framed(problem, fitted)
+        return _framed(problem, fitted, eta)
 
 
-def _framed(problem: Problem, fitted: Fit) -> State:
+def _framed(problem: Problem, fitted: Fit, eta: Array) -> State:
     if not problem.lab.frame_period:
-        return fitted.state
+        return fitted.ahead._replace(eta=eta)
     phases = problem.lab.frame_period * np.arange(PHASES) / PHASES
     nuisance = fitted.state.nuisance.copy()
     nuisance[:, PHASE] = 0.0
@@ -41,12 +46,17 @@ def _framed(problem: Problem, fitted: Fit) -> State:
         problem.simulated(unframed, variants[:1], [Later()])[0],
     ]
     misfit = _misfit(
-        problem, fitted, np.stack([problem.residual(problem.measured(h, state)) for h in predicted], axis=-1)
+        problem, fitted, eta, np.stack([problem.residual(problem.measured(h, state)) for h in predicted], axis=-1)
     )
     best = np.argmin(misfit[:, :PHASES], axis=1)
-    gains = misfit[:, PHASES] - misfit[np.arange(len(best)), best]
+    least = misfit[np.arange(len(best)), best]
+    # The noise may be far from what was expected.
+    poses = np.bincount(problem.log_of, problem.present.sum(axis=1))
+    gains = (misfit[:, PHASES] - least) / np.maximum(least / (6.0 * poses), 1.0)
     framed = [float(phases[i]) if gain > FRAME_GAIN else None for i, gain in zip(best, gains, strict=True)]
-    return state._replace(framed=tuple(framed))
+    nuisance = fitted.ahead.nuisance.copy()
+    nuisance[:, PHASE] = 0.0
+    return fitted.ahead._replace(nuisance=nuisance, eta=eta, framed=tuple(framed))
 
 
 def timed(problem: Problem, fitted: Fit, state: State) -> tuple[State, float]:
@@ -69,17 +79,17 @@ def timed(problem: Problem, fitted: Fit, state: State) -> tuple[State, float]:
         later = [*(Later(servo=begin) for begin in begins.tolist()), Later()]
         predicted = problem.simulated(state, variants, later)
         residuals = [problem.residual(problem.measured(h, state)) for h in predicted]
-        misfit = _misfit(problem, fitted, np.stack(residuals, axis=-1))
+        misfit = _misfit(problem, fitted, fitted.state.eta, np.stack(residuals, axis=-1))
     best = np.argmin(misfit[:, :TURNS], axis=1)
     gain = float((misfit[:, TURNS] - misfit[np.arange(len(best)), best]).sum())
     return state._replace(servo=tuple(begins[best].tolist())), gain
 
 
-def _misfit(problem: Problem, fitted: Fit, residuals: Array) -> Array:
+def _misfit(problem: Problem, fitted: Fit, eta: Array, residuals: Array) -> Array:
     """Weighted squares (logs, c) of residuals (w, BINS, 6, c), with parameters and first states fitted to each."""
     c, n = residuals.shape[-1], N_THETA + N_LOG
     rows = np.concatenate([residuals, fitted.jacobian, fitted.first], axis=-1)
-    white = noise.whiten(fitted.air, fitted.state.eta, rows)[0].reshape(len(rows), -1, rows.shape[-1])
+    white = noise.whiten(fitted.air, eta, rows)[0].reshape(len(rows), -1, rows.shape[-1])
     gram = white.transpose(0, 2, 1) @ white
     k = c + n
     back = np.linalg.solve(gram[:, k:, k:] + 1e-9 * np.eye(N_START), gram[:, k:, :k])

@@ -74,7 +74,6 @@ def whiten(air: Windage, eta: Array, rows: Array) -> tuple[Array, Array]:
     transition[:, WIND, WIND] = np.exp(-BIN_S / np.exp(eta[1])) * np.eye(2)
     transition[:, SLOW, SLOW] = np.exp(-BIN_S / SLOW_TIME_S) * np.eye(3)
     chance, begin = _chance(eta)
-    # Columns of the rows, and of the state's covariance, share a solution.
     covariance = np.broadcast_to(np.diag(begin), (w, N, N)).copy()
     state, out, roots = np.zeros((w, N, c)), np.zeros_like(rows), np.zeros((w, bins, 6, 6))
     white = np.array([s[4], s[4], s[4], s[8], s[5], s[5]])
@@ -88,8 +87,9 @@ def whiten(air: Windage, eta: Array, rows: Array) -> tuple[Array, Array]:
         innovation = at_poses @ seen.transpose(0, 2, 1)
         innovation[:, range(6), range(6)] += noise
         roots[:, k] = np.linalg.cholesky(innovation)
-        solved = np.linalg.solve(roots[:, k], np.concatenate([rows[:, k] - seen @ state, at_poses], axis=2))
-        out[:, k], gain = solved[..., :c], solved[..., c:]
+        # Many small systems: the inverse takes an eighth of the time of a solution.
+        inverse = np.linalg.inv(roots[:, k])
+        out[:, k], gain = inverse @ (rows[:, k] - seen @ state), inverse @ at_poses
         transition[:, :12, :12], transition[:, :12, WIND] = t.state[:, k], t.state_by_wind[:, k]
         back = gain.transpose(0, 2, 1)
         state = transition @ (state + back @ out[:, k])

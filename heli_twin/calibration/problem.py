@@ -10,7 +10,7 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.data import Flight
 from heli_twin.calibration.drive import drives_of
-from heli_twin.calibration.motion import Lanes, simulate, transitions
+from heli_twin.calibration.motion import STRIDE, Lanes, simulate, transitions
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
 
 OF_A_LOG = (
@@ -59,6 +59,8 @@ DRIVEN = (
 """Parameters that change what the actuators do."""
 FIRST = {"servo_backlash": 0.02, "servo_slowness": 0.3}
 """Where the fit of these begins: at zero they have no slope."""
+BLIND = 30.0
+"""Standard deviations of the noise by the prior's ones in a first fit, whose residuals are errors of the parameters."""
 FIXED = 1e-5
 """Spread of a prior below which a parameter is held."""
 
@@ -105,13 +107,14 @@ class Problem:
         self.present = self.frames > 0
 
     def initial(self) -> State:
-        """The prior's helicopter, with the first states that the poses suggest."""
+        """The prior's helicopter, with the first states that the poses suggest, and large noise."""
         theta = self.started(self.prior, self.spread)
+        eta = np.log(noise.PRIOR) + np.log(BLIND) * np.array([name != "gust_time" for name in noise.COMPONENTS])
         return State(
             theta,
             np.zeros((len(self.flights), N_LOG)),
             self.start.copy(),
-            np.log(noise.PRIOR),
+            eta,
             (None,) * len(self.flights),
             (0.0,) * len(self.flights),
         )
@@ -186,6 +189,7 @@ class Problem:
     ) -> Array:
         """Return simulated poses (p, w, bins, 6) of variants (p, n) with frames and servos `later` (p,).
 
+        Variants after the first are taken from a simulation with longer steps, as differences from the first in it.
         With `start_steps` (12,) the first state is varied too, and after it the push; the variants are then the nominal
         vector, one for each free parameter, and one with later frames.
         """
@@ -209,7 +213,9 @@ class Problem:
                 start[p + i - 3, :, i] += start_steps[i]
             for i in range(3):
                 push[p + N_START - 3 + i, :, i] += PUSH_STEP
-        return simulate(Lanes(variants, start, push, drive, which), self.weights, self.early, self.lab)
+        out = simulate(Lanes(variants, start, push, drive, which), self.weights, self.early, self.lab, STRIDE)
+        nominal = Lanes(variants[:1], start[:1], push[:1], drive[:, :1], which[:1])
+        return out + (simulate(nominal, self.weights, self.early, self.lab) - out[:1])
 
     def _drives(self, state: State, variants: Sequence[Array], later: Sequence[Later]) -> Array:
         steps = self.weights.shape[1] - 1

@@ -70,7 +70,7 @@ def held_fit(flight: Flight, twin: Twin) -> Fit:
     problem = Problem([flight], twin.lab, twin.theta, np.full(len(twin.theta), HELD))
     begin = State(twin.theta.copy(), np.zeros((1, N_LOG)), problem.start.copy(), twin.eta.copy(), (None,), (0.0,))
     blind = fit(problem, begin, limit=1)
-    begin = framed(problem, blind)
+    begin = framed(problem, blind, twin.eta)
     if twin.theta[INDEX["servo_slowness"]] > 0.0:
         begin, _ = timed(problem, blind, begin)
     return fit(problem, begin, limit=3)

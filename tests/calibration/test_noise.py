@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 from controllers.model import GRAVITY
 from heli_twin.calibration import noise
 from heli_twin.calibration.data import BINS, WINDOW_STEPS
-from heli_twin.calibration.motion import Lanes, simulate, transitions
+from heli_twin.calibration.motion import STRIDE, Lanes, simulate, transitions
 from heli_twin.calibration.parameters import NAMES, lab_of, of_experiment, vector
 from heli_twin.experiment.text import load
 
@@ -55,6 +55,18 @@ def test_wind_moves_the_linearised_equations_as_the_twins(air):
     # Steps of 4 ms, and what is of second order in the wind.
     assert np.abs(found - (moved - still)).max() < 0.03 * np.abs(moved - still).max()
     assert np.abs(moved - still)[..., 0].max() > 0.01
+
+
+def test_longer_steps_show_the_same_differences():
+    names = ("attitude_frequency", "drag_x_per_mass", "hub_drag_per_iyy", "yaw_damping_per_izz")
+    one, varied = lanes(), np.repeat(THETA[None], 1 + len(names), axis=0)
+    varied[range(1, 1 + len(names)), [NAMES.index(name) for name in names]] += 1e-3
+    many = one._replace(theta=varied, which=np.zeros(len(varied), int))
+    many = many._replace(start=np.repeat(one.start, len(varied), axis=0), push=np.repeat(one.push, len(varied), axis=0))
+    # Parameters that move free helicopters; one pose in the middle of 4 ms lies between two of the longer steps.
+    fine, coarse = (np.diff(simulate(many, WEIGHTS, EARLY, lab_of(LAB), n), axis=0) for n in (1, STRIDE))
+    for a, b in zip(fine, coarse, strict=True):
+        assert np.abs(a - b).max() < 0.03 * np.abs(a).max()
 
 
 def residuals(air, rng):

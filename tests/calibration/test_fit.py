@@ -1,0 +1,28 @@
+"""The steps of the fit: halved where they go to and fro, not where they are slow."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from heli_twin.calibration.fit import _turns_back
+
+
+def step(*values: float):
+    return SimpleNamespace(step=np.array(values), covariance=np.diag([1.0, 100.0]), size=max(map(abs, values)))
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "is_to_and_fro"),
+    [
+        ((1.0, 0.0), (-0.9, 0.0), True),
+        # Slow, but on its way.
+        ((1.0, 0.0), (0.9, 0.0), False),
+        # Beyond the minimum, but soon there.
+        ((1.0, 0.0), (-0.5, 0.0), False),
+        # What counts is told in standard deviations: ten times as large for the second.
+        ((1.0, -2.0), (-0.9, -2.0), True),
+    ],
+)
+def test_a_step_is_halved_only_where_it_turns_back(before, now, is_to_and_fro):
+    assert _turns_back(step(*before), step(*now)) == is_to_and_fro
