@@ -14,6 +14,17 @@ from controllers.ltv import Subsystem
 from controllers.signals import Array
 
 
+class Cost(NamedTuple):
+    """The cost of a dense QP in the N m stacked changes du of the inputs, and what they do to the velocities."""
+
+    H: Array
+    """(Nm, Nm) Hessian of the cost."""
+    g: Array
+    """(Nm,) gradient of the cost at du = 0."""
+    C: Array
+    """(Nm, Nm) change of the predicted velocities per change of the inputs."""
+
+
 class CondensedQp(NamedTuple):
     """A dense QP in the N m stacked changes du of the inputs, with as many velocity rows."""
 
@@ -183,6 +194,8 @@ class Condenser:
         self._responses = responses or StepByStep(steps, subsystem, w)
         self._constant: tuple[Array, Array, Array] | None = None
         """H and C of a constant subsystem, and its gradient for each error of the states."""
+        self._inverse: Array | None = None
+        """Of the H of a constant subsystem."""
 
     def _all(
         self, x_nominal: Array, AB: Array | None, root: Array, shape: tuple[int, ...]
@@ -201,12 +214,15 @@ class Condenser:
     def __call__(
         self, AB: Array | None, x_nominal: Array, u_nominal: Array, off: Off, sqrt_Qf: Array | None = None
     ) -> CondensedQp:
-        """Condense one horizon.
+        """Condense one horizon: its cost and its bounds; arguments as of `cost` and `bounded`."""
+        return self.bounded(self.cost(AB, x_nominal, off, sqrt_Qf), x_nominal, u_nominal)
+
+    def cost(self, AB: Array | None, x_nominal: Array, off: Off, sqrt_Qf: Array | None = None) -> Cost:
+        """Condense the cost of one horizon.
 
         Args:
             AB: (N, n, n + m) linear model of the subsystem; not needed for responses in closed form.
             x_nominal: (N + 1, nx) nominal states of the whole model.
-            u_nominal: (N, 4) nominal inputs of the whole model.
             off: Nominal states and inputs of the whole model minus those of the reference.
             sqrt_Qf: (n, n) root of this horizon's terminal weight if it differs; not with constant matrices.
         """
@@ -218,12 +234,26 @@ class Condenser:
         else:
             if self._constant is None:
                 self._constant = self._all(x_nominal, AB, root, x_off.shape)
+                self._inverse = np.linalg.inv(self._constant[0])
             H, C, gradients = self._constant
             g = x_off.ravel() @ gradients
         g += (self._w.R * off.u[:, subsystem.input_columns]).ravel()
-        nominal = np.empty((2, 1, *self._shape))
+        return Cost(H, g, C)
+
+    def minimiser(self, cost: Cost) -> Array:
+        """Return the changes (Nm,) of the inputs of least cost, whatever the bounds; NaN without curvature."""
+        if self._inverse is not None:
+            return self._inverse @ -cost.g
+        try:
+            return np.linalg.solve(cost.H, -cost.g)
+        except np.linalg.LinAlgError:
+            return np.full_like(cost.g, np.nan)
+
+    def bounded(self, cost: Cost, x_nominal: Array, u_nominal: Array) -> CondensedQp:
+        """Return the QP with this cost, bounded for the nominal states (N + 1, nx) and inputs (N, 4) of the model."""
+        subsystem, nominal = self._subsystem, np.empty((2, 1, *self._shape))
         nominal[0, 0], nominal[1, 0] = x_nominal[1:, subsystem.velocity_columns], u_nominal[:, subsystem.input_columns]
-        return CondensedQp(H, g, C, *(self._bounds - nominal).reshape(4, -1))
+        return CondensedQp(*cost, *(self._bounds - nominal).reshape(4, -1))
 
 
 @np.errstate(all="ignore")

@@ -1,14 +1,9 @@
-"""The door to ProxSuite: dense ProxQP with bounded iterations, first with hard, then with softened velocity bounds.
-
-The cost is strictly convex: where its minimiser without bounds keeps them all, that is the answer, and one linear
-equation gives it. ProxQP, whose first guess it is, would return it after no iteration.
-"""
+"""The door to ProxSuite: dense ProxQP with bounded iterations, first with hard, then with softened velocity bounds."""
 
 import sys
 import warnings
 from functools import cached_property
 from math import isfinite, log2
-from time import perf_counter_ns
 from types import ModuleType
 from typing import NamedTuple
 
@@ -66,8 +61,7 @@ class Solution(NamedTuple):
     objective: float
     """1/2 du'H du + g'du, and the penalty of the softening."""
     multipliers: Array
-    """Multipliers of all bounds, of the scaled cost: a view of the solver's memory, valid until its next solve; empty
-    if no bound is active."""
+    """Multipliers of all bounds, of the scaled cost: a view of the solver's memory, valid until its next solve."""
 
     @property
     def active_bounds(self) -> int:
@@ -78,9 +72,9 @@ class Solution(NamedTuple):
 class ProxQp:
     """Solves one condensed QP a control step: first with hard velocity bounds, then with softened ones.
 
-    Where a bound is active, ProxQP starts from the minimiser without inequalities, its own default guess. A solve
-    depends on nothing but its QP. A warm start is worse: it takes twice the iterations, and after a bound was relaxed
-    the old solution was accepted without any (ProxSuite #168).
+    It is for QPs with an active bound: without one, a linear equation gives the minimiser, and ProxQP begins with it by
+    default. A solve depends on nothing but its QP. A warm start is worse: it takes twice the iterations, and after a
+    bound was relaxed the old solution was accepted without any (ProxSuite #168).
 
     An infeasible dense QP can take ProxQP minutes, and an almost infeasible one as long (ProxSuite #291): both attempts
     have a limit on their iterations.
@@ -89,44 +83,15 @@ class ProxQp:
         sample: A QP of the size and scale of those to solve; ProxQP's scaling of variables and rows comes from it.
         inputs: m, the number of velocity axes, each with its own slack.
         penalty: Weight of each slack, linear and quadratic.
-        constant: Every QP has the Hessian of the sample.
     """
 
-    def __init__(self, sample: CondensedQp, inputs: int, penalty: float = 1e3, *, constant: bool = False) -> None:
+    def __init__(self, sample: CondensedQp, inputs: int, penalty: float = 1e3) -> None:
         self._sample, self._n, self._m, self._penalty = sample, len(sample.g), inputs, penalty
         self._axis = np.tile(np.eye(inputs), (self._n // inputs, 1))
         self._hard = _Solver(sample, eps=1e-5, max_iter=9, max_iter_in=12)
-        self._inverse = np.linalg.inv(sample.H) if constant else None
-        self.solve_ns = 0
-        """Measured wall time of the last call, ns."""
 
     def __call__(self, qp: CondensedQp) -> Solution | None:
         """Solve, or return None if neither attempt converged."""
-        began = perf_counter_ns()
-        solution = self._solve(qp)
-        self.solve_ns = perf_counter_ns() - began
-        return solution
-
-    def _solve(self, qp: CondensedQp) -> Solution | None:
-        return self._free(qp) or self._bounded(qp)
-
-    def _free(self, qp: CondensedQp) -> Solution | None:
-        """Return the minimiser without bounds; None if it breaks one, or if rounding exceeds the tolerance."""
-        H, g = qp.H, qp.g
-        if self._inverse is not None:
-            du = self._inverse @ -g
-        elif H.diagonal().max() < self._hard.largest:
-            try:
-                du = np.linalg.solve(H, -g)
-            except np.linalg.LinAlgError:
-                return None
-        else:
-            return None
-        if _within(du, qp.u_low, qp.u_high) and _within(qp.C @ du, qp.v_low, qp.v_high):
-            return Solution(du, False, 0.0, 0, 0.5 * float(g @ du), _NONE)
-        return None
-
-    def _bounded(self, qp: CondensedQp) -> Solution | None:
         iterations, n = 0, self._n
         if not _out_of_reach(qp, self._m):
             hard = self._hard
@@ -165,15 +130,6 @@ class ProxQp:
         )
 
 
-_NONE: Array = np.zeros(0)
-
-
-def _within(values: Array, low: Array, high: Array) -> bool:
-    """Return True if no value (n,) is NaN or outside its bounds."""
-    # To count takes half the time of `all`.
-    return np.count_nonzero(values >= low) == np.count_nonzero(values <= high) == len(values)
-
-
 def _out_of_reach(qp: CondensedQp, m: int) -> bool:
     """Return True if no input in the box brings the m first predicted velocities within their bounds.
 
@@ -201,8 +157,7 @@ class _Solver:
         settings.compute_timings = False
         settings.initial_guess = proxqp.EQUALITY_CONSTRAINED_INITIAL_GUESS
         self._scale = _scale(sample.H)
-        self.largest = eps / np.finfo(float).eps / self._scale
-        """Size of a cost whose rounding errors reach the tolerance."""
+        self._largest = eps / np.finfo(float).eps / self._scale
         self._qp.init(self._scaled(sample.H), self._scaled(sample.g), None, None, sample.C, *sample[3:])
         # The matrices that ProxQP has read last; the same arrays again are not read again.
         self._H: Array = np.empty(0)
@@ -220,7 +175,7 @@ class _Solver:
         """
         self.iterations = 0
         H, g, C = qp.H, qp.g, qp.C
-        if not (np.abs(g).max() < self.largest and (H is self._H or H.diagonal().max() < self.largest)):
+        if not (np.abs(g).max() < self._largest and (H is self._H or H.diagonal().max() < self._largest)):
             return False
         self._qp.update(
             None if H is self._H else self._scaled(H), self._scaled(g), None, None, None if C is self._C else C, *qp[3:]

@@ -5,12 +5,14 @@ It is the same for every believed model; a law gives the linear model along the 
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
 from math import isfinite, pi
+from time import perf_counter_ns
 from typing import Protocol
 
 import numpy as np
 
-from controllers.condensed_qp import CondensedQp, Condenser, Limits, Off, Responses, Weights
+from controllers.condensed_qp import CondensedQp, Condenser, Cost, Limits, Off, Responses, Weights
 from controllers.fallback import safe_hover
 from controllers.ltv import Ltv, Subsystem, shift
 from controllers.model import Model
@@ -61,56 +63,87 @@ class RecedingHorizon(ABC):
             _Problem(part, self._limits, weights, hover, place, plane if place == 0 else None)
             for place, part in enumerate(subsystems)
         ]
-        # Of every input at once: NumPy takes twice as long where it has to repeat a row.
-        self._low, self._high = np.tile(model.u_min, (spec.steps, 1)), np.tile(model.u_max, (spec.steps, 1))
-        self._solutions: list[Solution] = []
+        # All of them at once: NumPy takes twice as long where it has to repeat a row.
+        low, high = np.array([self._limits.u_min, -self._limits.v_max]), np.array([*self._limits[1:]])
+        self._low, self._high = (bound[:, None].repeat(spec.steps, axis=1) for bound in (low, high))
+        self._free = np.empty((2, spec.steps, len(model.u_min)))
+        """The inputs, and the velocities that they drive, of least cost."""
         self._state_order = np.argsort(np.concatenate([part.states for part in subsystems]))
         self._u_nominal: Array | None = None
-        self._planned: tuple[Ltv, Array] | None = None
+        self._planned: tuple[Ltv, Array, QpReport] | None = None
         self._unsolved = 0
 
     @abstractmethod
+    def costs(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[Cost]]:
+        """Linearise along the nominal inputs and condense (26): one cost for each subsystem."""
+
     def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
         """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
+        ltv, costs = self.costs(estimate, reference)
+        return ltv, self._bounded(ltv, costs)
 
     def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
         """Solve (26) from the estimate and send the first input of the plan.
 
-        If the QP is infeasible or does not converge within its iterations, its velocity bounds are softened. If that
-        fails too, the last plan is continued, and after its end a level hover is commanded.
+        If it has no solution, the last plan is continued, and after its end a level hover is commanded.
         """
         self._planned = None
         if not all(map(isfinite, estimate.x.tolist())):
             return safe_hover(self._model, now)
-        ltv, qps = self.problem(estimate, reference)
-        solutions = [problem.solver(qp) for problem, qp in zip(self._problems, qps, strict=True)]
-        solve_ns = sum(problem.solver.solve_ns for problem in self._problems)
-        solved, u = [solution for solution in solutions if solution], ltv.u_nominal
-        if len(solved) == len(solutions):
-            self._unsolved = 0
-            u = u + np.concatenate([solution.du.reshape(self._steps, -1) for solution in solved], axis=1)
-            # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
-            np.maximum(u, self._low, out=u)
-            np.minimum(u, self._high, out=u)
-        else:
-            self._unsolved += 1
-            if self._unsolved > self._steps:
-                return safe_hover(self._model, now)._replace(solve_ns=solve_ns)
-            solved = []
-        self._u_nominal, self._planned, self._solutions = shift(u), (ltv, u), solved
+        ltv, costs = self.costs(estimate, reference)
+        began = perf_counter_ns()
+        solved = self._solved(ltv, costs)
+        solve_ns = perf_counter_ns() - began
+        self._unsolved = 0 if solved else self._unsolved + 1
+        if self._unsolved > self._steps:
+            return safe_hover(self._model, now)._replace(solve_ns=solve_ns)
+        u, report = solved or (ltv.u_nominal, QpReport("shifted_plan", 0, 0, 0.0, 0.0))
+        self._u_nominal, self._planned = shift(u), (ltv, u, report)
         return Command(now, u[0], solve_ns=solve_ns)
 
     def explain(self, command: Command) -> Command:
         """Add the states that the LTV model reaches under the planned inputs, and how the QPs were solved."""
         if self._planned is None:
             return command
-        ltv, u = self._planned
+        ltv, u, report = self._planned
         du = u - ltv.u_nominal
         dx = [problem.condenser.response(du.take(problem.subsystem.inputs, axis=1)) for problem in self._problems]
         x = ltv.x_nominal + np.concatenate(dx, axis=1).take(self._state_order, axis=1)
         own = NX + self.integral_states
         extra = x[:, own:] if x.shape[1] > own else None
-        return command._replace(plan=Plan(x[:, :own], u, ltv.u_nominal, extra), qp=_report(self._solutions))
+        return command._replace(plan=Plan(x[:, :own], u, ltv.u_nominal, extra), qp=report)
+
+    def _solved(self, ltv: Ltv, costs: Sequence[Cost]) -> tuple[Array, QpReport] | None:
+        """Return the inputs (N, 4) of least cost within all bounds, and how they were found; None if they were not.
+
+        The cost is strictly convex: where its minimiser without bounds keeps them all, it is the answer. Elsewhere
+        ProxQP is asked, which softens the velocity bounds if it has to.
+        """
+        changes = [problem.condenser.minimiser(cost) for problem, cost in zip(self._problems, costs, strict=True)]
+        free, (u, speeds) = self._free, self._free
+        np.add(ltv.u_nominal, self._side_by_side(changes), out=u)
+        reached = [cost.C @ du for cost, du in zip(costs, changes, strict=True)]
+        np.add(ltv.x_nominal[1:, 4:8], self._side_by_side(reached), out=speeds)
+        # To count takes half the time of `all`; NaN is not within.
+        if np.count_nonzero(free >= self._low) == np.count_nonzero(free <= self._high) == free.size:
+            objective = 0.5 * sum(float(cost.g @ du) for cost, du in zip(costs, changes, strict=True))
+            return u.copy(), QpReport("solved", 0, 0, objective, 0.0)
+        qps = zip(self._problems, self._bounded(ltv, costs), strict=True)
+        solutions = [solution for problem, qp in qps if (solution := problem.solver(qp))]
+        if len(solutions) < len(costs):
+            return None
+        # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
+        found = ltv.u_nominal + self._side_by_side([solution.du for solution in solutions])
+        return np.clip(found, self._low[0], self._high[0]), _report(solutions)
+
+    def _side_by_side(self, parts: Sequence[Array]) -> Array:
+        """Return what belongs to the inputs of each subsystem (Nm,) as one row (4,) a period."""
+        return np.concatenate([part.reshape(self._steps, -1) for part in parts], axis=1)
+
+    def _bounded(self, ltv: Ltv, costs: Sequence[Cost]) -> list[CondensedQp]:
+        """Return one QP for each subsystem: its cost, and the bounds about the nominal flight."""
+        x, u = ltv.x_nominal, ltv.u_nominal
+        return [problem.condenser.bounded(cost, x, u) for problem, cost in zip(self._problems, costs, strict=True)]
 
     def linearise_along(self, u_nominal: Array) -> None:
         """Use these nominal inputs (N, 4), for example of a log, in the next step instead of the shifted last plan."""
@@ -120,10 +153,10 @@ class RecedingHorizon(ABC):
         """The nominal inputs (N, 4): the shifted last plan, at first the reference's inputs u_ref (N, 4)."""
         return np.clip(u_ref, self._limits.u_min, self._limits.u_max) if self._u_nominal is None else self._u_nominal
 
-    def condensed(self, ltv: Ltv, off: Off, sqrt_Qf: Sequence[Array | None]) -> list[CondensedQp]:
-        """Condense (26), one QP for each subsystem; arguments as `Condenser` takes them, roots one a subsystem."""
+    def condensed(self, ltv: Ltv, off: Off, sqrt_Qf: Sequence[Array | None]) -> list[Cost]:
+        """Condense the cost of each subsystem; arguments as `Condenser.cost` takes them, roots one a subsystem."""
         return [
-            problem.condenser(AB, ltv.x_nominal, ltv.u_nominal, off, root)
+            problem.condenser.cost(AB, ltv.x_nominal, off, root)
             for problem, AB, root in zip(self._problems, ltv.parts, sqrt_Qf, strict=True)
         ]
 
@@ -153,14 +186,16 @@ class _Problem:
         AB, x, u = hover.parts[place], hover.x_nominal, hover.u_nominal
         self.subsystem, self.weights = subsystem, weights.of(subsystem)
         self.condenser = Condenser(len(u), limits, subsystem, self.weights, responses)
-        sample = self.condenser(AB, x, u, Off(np.zeros_like(x), np.zeros_like(u)))
-        self.solver = ProxQp(sample, len(subsystem.inputs), constant=subsystem.constant)
+        self._sample = self.condenser(AB, x, u, Off(np.zeros_like(x), np.zeros_like(u)))
+
+    @cached_property
+    def solver(self) -> ProxQp:
+        """Rarely needed and slow to set up."""
+        return ProxQp(self._sample, len(self.subsystem.inputs))
 
 
 def _report(solutions: list[Solution]) -> QpReport:
-    """Sum up the subsystems' solutions; without any, the last plan was continued."""
-    if not solutions:
-        return QpReport("shifted_plan", 0, 0, 0.0, 0.0)
+    """Sum up the subsystems' solutions."""
     return QpReport(
         "softened" if any(s.softened for s in solutions) else "solved",
         sum(s.iterations for s in solutions),

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.condensed_qp import CondensedQp, Off, StepByStep, Weights, riccati_terminal_weight, sqrt_weight
+from controllers.condensed_qp import Cost, Off, StepByStep, Weights, riccati_terminal_weight, sqrt_weight
 from controllers.detailed_flatness import HIGHEST_DERIVATIVE, prepared_reference
 from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisation, Disturbances
 from controllers.detailed_model import ESTIMATED_STATES, EXTRA_STATES, N_DETAILED, DetailedModel
@@ -125,8 +125,8 @@ class DetailedMpcController(RecedingHorizon):
         assert reference.flat is not None
         return self._reference.prepare(reference.flat)
 
-    def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
-        """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
+    def costs(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[Cost]]:
+        """Linearise along the nominal inputs and condense (26): one cost for each subsystem."""
         extra = estimate.extra
         gust = extra[8:10]
         push = estimate.disturbance.copy()

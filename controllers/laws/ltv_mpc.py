@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.condensed_qp import CondensedQp, Off, Weights, riccati_terminal_weight, sqrt_weight
+from controllers.condensed_qp import Cost, Off, Weights, riccati_terminal_weight, sqrt_weight
 from controllers.ltv import NO_PUSH, SUBSYSTEMS, Coupling, Discretisation, Linearisation, Ltv
 from controllers.model import Model
 from controllers.planar import Planar
@@ -98,8 +98,8 @@ class LtvMpcController(RecedingHorizon):
         self._integral = self._last_error = (0.0, 0.0)
         self._half_step = 0.5 * spec.k_i * spec.period
 
-    def problem(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[CondensedQp]]:
-        """Linearise along the nominal inputs and condense (26): one QP for each subsystem."""
+    def costs(self, estimate: Estimate, reference: Reference) -> tuple[Ltv, list[Cost]]:
+        """Linearise along the nominal inputs and condense (26): one cost for each subsystem."""
         spec = self._spec
         (x, y), (x_ref, y_ref) = estimate.x[:2].tolist(), reference.x[0, :2].tolist()
         error_x, error_y = x - x_ref, y - y_ref

@@ -93,14 +93,15 @@ def qps_of(e: Experiment) -> list[list[CondensedQp]]:
     """The QPs of a flight, each on memory of its own, one list a subsystem; matrices that stay the same stay one."""
     found: list[list[CondensedQp]] = []
     kept: dict[int, Any] = {}
-    solve = LtvMpcController.problem
+    condense = LtvMpcController.costs
 
-    def problem(self: Any, *given: Any) -> Any:
-        ltv, qps = solve(self, *given)
+    def costs(self: Any, *given: Any) -> Any:
+        ltv, found_costs = condense(self, *given)
+        qps = self._bounded(ltv, found_costs)
         found.append([CondensedQp(*(_own(part, kept) for part in qp)) for qp in qps])
-        return ltv, qps
+        return ltv, found_costs
 
-    with patch.object(LtvMpcController, "problem", problem):
+    with patch.object(LtvMpcController, "costs", costs):
         fly(e, log_dir=None)
     return [*map(list, zip(*found, strict=True))]
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag, null_space, solve_discrete_are
 from whole_model import whole
 
-from controllers.condensed_qp import Condenser, Limits, Off, Weights, riccati_terminal_weight
+from controllers.condensed_qp import Condenser, Cost, Limits, Off, Weights, riccati_terminal_weight
 from controllers.ltv import SUBSYSTEMS, WHOLE, Linearisation
 from controllers.model import Model
 from controllers.planar import Planar
@@ -174,6 +174,25 @@ def test_the_response_is_the_linear_model(seed, steps):
     # The same products in another order; yaw of up to 10 rad.
     departed = condenser.response(u - problem.ltv.u_nominal)
     np.testing.assert_allclose(problem.ltv.x_nominal + departed, problem.states(u), rtol=0, atol=1e-12)
+
+
+@given(seeds, horizons, st.sampled_from([0, 1]))
+@settings(max_examples=20)
+def test_without_bounds_the_gradient_vanishes_at_the_minimiser(seed, steps, place):
+    subsystem, problem = SUBSYSTEMS["removed"][place], Problem(seed, steps)
+    ltv = Linearisation(MODEL, K_I, PERIOD, "removed", "exact")(
+        np.random.default_rng(seed).uniform(-1, 1, 10), problem.ltv.u_nominal, np.zeros((steps + 1, 2))
+    )
+    condenser = Condenser(steps, LIMITS, subsystem, Weights(np.arange(1.0, 11.0), np.ones(4), np.eye(10)).of(subsystem))
+    cost = condenser.cost(ltv.parts[place], ltv.x_nominal, problem.off)
+    du = condenser.minimiser(cost)
+    # Rounding, of sums of so large terms.
+    np.testing.assert_allclose(cost.H @ du, -cost.g, rtol=0, atol=1e-12 * (np.abs(cost.H) @ np.abs(du)).max())
+
+
+def test_a_cost_without_curvature_has_no_minimiser():
+    cost = Cost(np.ones((2, 2)), np.ones(2), np.eye(2))
+    assert np.isnan(Problem(0, 1).condenser().minimiser(cost)).all()
 
 
 @given(st.lists(seeds, min_size=2, max_size=4), horizons)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm, null_space, solve_discrete_are
 
 from controllers import receding
+from controllers.condensed_qp import Condenser
 from controllers.flatness import feed_forward, state
 from controllers.laws.ltv_mpc import LtvMpc
 from controllers.ltv import Linearisation
@@ -153,15 +154,54 @@ def test_one_problem_alone_has_the_answer_it_had_in_flight(coupling):
     assert again.qp.active_bounds > 0
 
 
+def ask_proxqp_alone(monkeypatch):
+    """Leave every problem to it, with or without active bounds."""
+    monkeypatch.setattr(Condenser, "minimiser", lambda self, cost: np.full_like(cost.g, np.nan))
+
+
+def test_without_active_bounds_proxqp_is_not_asked(monkeypatch):
+    monkeypatch.setattr(receding, "ProxQp", None)
+    spec = LtvMpc()
+    command = decided(spec.start(), 0, [0.01, -0.01, 1.01, 0.01, 0, 0, 0, 0], planned(Hover(), 0, spec.steps))
+    assert command.qp[:3] == ("solved", 0, 0)
+    assert command.solve_ns > 0
+
+
+NARROW = {
+    "wide": {},
+    "speeds": {"vx_max": 0.3, "vy_max": 0.25, "vz_max": 0.2, "yaw_rate_max": 1.5},
+    "inputs": {"u_x_max": 0.1, "u_y_max": 0.15, "u_z_min": 0.5, "u_z_max": 0.6, "u_yaw_max": 0.02},
+}
+
+
+@pytest.mark.parametrize("coupling", ["removed", "full"])
+@pytest.mark.parametrize("narrow", NARROW)
+def test_where_no_bound_is_active_the_answer_is_that_of_proxqp(narrow, coupling, monkeypatch):
+    """Each bound counts: inputs and velocities of all axes, both ways."""
+    spec, rng = LtvMpc(coupling=coupling, model=Model(**NARROW[narrow])), np.random.default_rng(1)
+    reference, free = planned(Hover(), 0, spec.steps), []
+    starts = [rng.choice([0.02, 0.1, 0.4]) * rng.uniform(-1, 1, 8) + [0, 0, 1, 0, 0, 0, 0, 0] for _ in range(40)]
+    answers = [decided(spec.start(), 0, x, reference) for x in starts]
+    ask_proxqp_alone(monkeypatch)
+    for x, answer in zip(starts, answers, strict=True):
+        judge = decided(spec.start(), 0, x, reference)
+        assert (answer.qp.status, answer.qp.active_bounds) == (judge.qp.status, judge.qp.active_bounds)
+        np.testing.assert_allclose(answer.plan.u, judge.plan.u, rtol=0, atol=1e-6)
+        assert answer.qp.objective == pytest.approx(judge.qp.objective, rel=1e-6, abs=1e-9)
+        free.append(answer.qp.active_bounds == 0)
+    assert 3 < sum(free) < 37
+
+
 class Failing:
     """A solver that gives up at the calls it is told to; one solver serves a model in one part."""
 
     def __init__(self, monkeypatch, fails):
-        self._fails, self._calls, self.solve_ns = fails, 0, 0
+        self._fails, self._calls = fails, 0
         monkeypatch.setattr(receding, "ProxQp", self._of_sample)
+        ask_proxqp_alone(monkeypatch)
 
-    def _of_sample(self, *sample, **settings):
-        self._solver = ProxQp(*sample, **settings)
+    def _of_sample(self, *sample):
+        self._solver = ProxQp(*sample)
         return self
 
     def __call__(self, qp):

@@ -79,56 +79,11 @@ def test_karush_kuhn_tucker_hold_at_the_solution(seed):
     assert np.linalg.norm(qp.H @ solution.du + qp.g) > 0.1
 
 
-def test_inside_all_bounds_it_is_the_linear_equation(monkeypatch):
-    qp, used = problem([0.001, -0.001, 1.001, 0.001, 0, 0, 0, 0]), solver()
-    monkeypatch.setattr(used._hard, "_qp", None)
-    solution = used(qp)
-    assert (solution.active_bounds, solution.iterations) == (0, 0)
-    np.testing.assert_allclose(qp.H @ solution.du, -qp.g, rtol=0, atol=1e-12 * np.abs(qp.H).sum(axis=1).max())
-    assert solution.objective == pytest.approx(0.5 * solution.du @ qp.H @ solution.du + qp.g @ solution.du, rel=1e-9)
-
-
-def test_proxqp_would_give_the_same_after_no_iteration():
-    """What it is spared is its own first guess."""
-    qp, used = problem([0.01, -0.01, 1.01, 0.01, 0, 0, 0, 0]), solver()
-    by_proxqp, free = used._bounded(qp), used(qp)
-    assert (by_proxqp.iterations, by_proxqp.active_bounds) == (0, 0)
-    # Its own regularisation leaves 2e-8.
-    np.testing.assert_allclose(free.du, by_proxqp.du, rtol=0, atol=1e-6)
-    assert free.objective == pytest.approx(by_proxqp.objective, rel=1e-6)
-
-
-@pytest.mark.parametrize("bound", ["u_low", "u_high", "v_low", "v_high"])
-def test_each_bound_is_kept_that_the_minimiser_without_bounds_breaks(bound):
-    qp, used = problem([0.01, -0.01, 1.01, 0.01, 0, 0, 0, 0]), solver()
-    free = used(qp).du
-    reached = free if bound.startswith("u") else qp.C @ free
-    place = reached.argmin() if bound.endswith("low") else reached.argmax()
-    tighter = getattr(qp, bound).copy()
-    tighter[place] = 0.5 * reached[place]
-    solution = used(qp._replace(**{bound: tighter}))
-    found = solution.du if bound.startswith("u") else qp.C @ solution.du
-    assert solution.active_bounds > 0
-    assert found[place] == pytest.approx(tighter[place], abs=1e-4)
-
-
-def test_a_hessian_that_stays_is_inverted_once_and_changes_no_answer():
-    first = problem([0.01, -0.01, 1.01, 0.01, 0, 0, 0, 0])
-    once, anew, rng = ProxQp(first, 4, constant=True), solver(), np.random.default_rng(0)
-    for size in (0.1, 1.0, 10.0):
-        qp = first._replace(g=size * rng.standard_normal(len(first.g)))
-        kept, fresh = once(qp), anew(qp)
-        assert kept.active_bounds == fresh.active_bounds
-        np.testing.assert_allclose(kept.du, fresh.du, rtol=0, atol=TOLERANCE if fresh.active_bounds else 1e-12)
-
-
-def test_a_cost_without_curvature_in_one_direction_has_an_answer():
-    """Its linear equation has none."""
-    eye, far = np.eye(2), np.full(2, np.inf)
-    sample = CondensedQp(eye, np.zeros(2), eye, -far, far, np.full(2, -1.0), np.ones(2))
-    flat = sample._replace(H=np.ones((2, 2)), g=np.array([-1.0, -1.0]))
-    solution = ProxQp(sample, 2)(flat)
-    assert solution.du.sum() == pytest.approx(1.0, abs=1e-4)
+def test_inside_all_bounds_it_is_the_linear_equation():
+    qp = problem([0.001, -0.001, 1.001, 0.001, 0, 0, 0, 0])
+    solution = solver()(qp)
+    assert solution.active_bounds == 0
+    np.testing.assert_allclose(solution.du, np.linalg.solve(qp.H, -qp.g), rtol=0, atol=TOLERANCE)
 
 
 def random_problems(seed, count, spec=SPEC):
@@ -283,13 +238,6 @@ def test_numbers_that_are_none_have_no_solution_and_leave_no_trace():
     again = used(calm)
     assert again is not None
     np.testing.assert_allclose(again.du, solver()(calm).du, rtol=0, atol=TOLERANCE)
-
-
-def test_the_time_of_a_solve_is_measured():
-    timed = solver()
-    assert timed.solve_ns == 0
-    timed(problem(AT_HOVER))
-    assert timed.solve_ns > 0
 
 
 def test_where_memory_lies_does_not_change_a_digit():
