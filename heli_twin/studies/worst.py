@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from heli_twin.experiment.differences import fly_command
-from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of
+from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of, parsed
 from heli_twin.reporting.terminal_tables import metric_text
 from heli_twin.reporting.words import metric
 from heli_twin.studies.columns import COMPLETED
@@ -13,6 +13,9 @@ from heli_twin.studies.space import varied
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import stored_study
 from heli_twin.terminal_text import pasteable
+
+MOST_NOISE = 2
+"""Seeds of noise in a command."""
 
 
 class WorstRun(NamedTuple):
@@ -50,8 +53,9 @@ def command_of(folder: Path, run_id: str) -> str:
     except ExperimentError:
         # A class of the user's own, which has to be named, and the store has no path of it.
         return pasteable("heli-twin", "study", "fly", folder, run_id, "--with", "FILE.py")
-    # An airframe's text fits into no command.
-    return pasteable("heli-twin", "study", "fly", folder, run_id) if "\\n" in experiment else fly_command(experiment)
+    # An airframe's text fits into no command, and the noise of a search into none that can be read.
+    is_long = "\\n" in experiment or len(parsed(experiment)["noise"]) > MOST_NOISE
+    return pasteable("heli-twin", "study", "fly", folder, run_id) if is_long else fly_command(experiment)
 
 
 def experiment_by_id(folder: Path, start: str) -> str:

@@ -91,7 +91,7 @@ class RareEvent:
         open_ones: dict[str, list[Narrowing]] = {
             name: narrowings(mean_state(estimate.failures)) for name, estimate in found.items() if estimate.failures
         }
-        for last in (False, True):
+        for _ in range(2):
             asked = {
                 (name, k, i): (first + TRIED * k + i, each.change, state, each.factors[i])
                 for name, those in open_ones.items()
@@ -101,7 +101,9 @@ class RareEvent:
             if not asked:
                 return
             rows = yield [
-                self._point(space, state, name, number, {"factor": factor, "change": change})._replace(keep=last)
+                self._point(space, state, name, number, {"factor": factor, "change": change})._replace(
+                    keep=change == "all"
+                )
                 for (name, _, _), (number, change, state, factor) in asked.items()
             ]
             scores = _scores(rows, space)

@@ -64,10 +64,10 @@ def bounds(results: Results) -> Iterator[Table]:
         return
     scale = metric(results.study.score)
     text = (
-        "Independent flights. Shown: the share of all flights that do not fail at least, with 95 % confidence;"
+        "Independent flights. Shown: at least so many of all flights do not fail, with 95 % confidence;"
         f" {flights_to_show(0.95)} flights without a failure show 95 %, {flights_to_show(0.99)} show 99 % (Wilks)."
-        f" The last column: 95 % of flights have a {scale.name} below it, with 95 % confidence; it needs"
-        f" {flights_to_show(SHARE)} flights. Each row is right by itself in 95 of 100 studies, not all rows together."
+        f" Last column: 95 % of all flights stay below this {scale.name}, with 95 % confidence; it takes"
+        f" {flights_to_show(SHARE)} flights. Each row by itself is right in 95 of 100 studies."
     )
     header = ("", "failed, 95 % interval (Wilson)", "shown", f"{scale.name} of 95 %")
     rows = [

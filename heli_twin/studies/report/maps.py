@@ -21,7 +21,7 @@ MAX_CLOUD_POINTS = 3000
 def maps(results: Results) -> Iterator[Figure]:
     """Yield the figures that fit the study's design and axes."""
     kind = results.study.design.kind
-    if not results.axes or kind in ("ladder", "one_at_a_time", "margin", "boundary", "morris"):
+    if not results.axes or kind in ("ladder", "one_at_a_time", "margin", "boundary", "morris", "rare_event"):
         return
     numbers = [path for path in results.axes if results.is_number(path)]
     if kind == "grid" and len(numbers) >= 2:

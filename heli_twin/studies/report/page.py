@@ -111,7 +111,8 @@ def _section(figure: Figure, folder: Path) -> Section:
 
 
 SCREEN_OR_PRINT_STYLE = """
-@media screen { section > img { display: none; } }
+@media screen { section > img { display: none; } .command:empty { display: none; } }
+.tools a { margin-left: auto; }
 @media print { .figure { display: none; } }
 """
 """Shows each figure once: the interactive one on a screen, the drawn one on paper."""

@@ -64,8 +64,11 @@ def rare_event(results: Results) -> Iterator[Figure | Table]:
         " flights. The probability is that of one flight, in its 95 % interval in 95 of 100 studies."
     )
     yield Table("How often", text, HEADER, [(each.alternative, *_cells(each, results)) for each in found])
-    panels = [_panel(place, each, results) for place, each in enumerate(found) if each.estimate is not None]
+    panels = [
+        _panel(place, each, results, design.limit) for place, each in enumerate(found) if each.estimate is not None
+    ]
     if panels:
+        text = f"The probability of every score, from all levels; the dashed line is the limit, {limit}."
         yield Figure("rare-event", "How often is more", text, panels)
     rows = [row for each in found for row in _least_rows(each, results)]
     if rows:
@@ -139,7 +142,7 @@ def _cells(each: Found, results: Results) -> tuple[str, ...]:
     chance = f"{found.probability:.2g}" if found.failures else f"below {found.high:.2g}"
     interval = f"{found.low:.2g} to {found.high:.2g}"
     first, every = found.levels[0].scores, np.concatenate([level.scores for level in found.levels])
-    worst = (_score(float(every.max()), results), f"{_score(float(first.max()), results)} of {len(first)}")
+    worst = (_score(float(every.max()), results), f"{_score(float(first.max()), results)}, of {len(first)} flights")
     return (chance, interval, str(found.evaluations), str(len(found.levels)), *worst)
 
 
@@ -174,12 +177,14 @@ def _happens(each: Found, row: int, results: Results) -> str:
     return f"{scale.name} {_score(float(_scores(each.flights)[row]), results)}"
 
 
-def _panel(place: int, each: Found, results: Results) -> Panel:
+def _panel(place: int, each: Found, results: Results, limit: float) -> Panel:
     assert each.estimate is not None
     scale = metric(results.study.score)
     x, y = _exceedance(each.estimate)
     curve = Curve(each.alternative, x * scale.factor, y, style="steps", color=place)
-    return Panel(each.alternative, scale.label, "probability that it is exceeded", [curve], y_log=True)
+    ends = np.array([y[y > 0.0].min(), 1.0])
+    line = Curve("limit", np.full(2, limit * scale.factor), ends, style="dashes", color=7)
+    return Panel(each.alternative, scale.label, "probability that it is exceeded", [curve, line], y_log=True)
 
 
 def _exceedance(found: Estimate) -> tuple[Array, Array]:
