@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from heli_twin.experiment.envelope import Envelope
     from heli_twin.mission import Result
     from heli_twin.requirements import Requirement, Verdict
+    from heli_twin.several.fly import SeveralResult
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -112,7 +113,7 @@ def requirements_named(source: str | None) -> "tuple[Requirement, ...]":
     return requirements_of(source)
 
 
-def verdicts_on(requirements: "tuple[Requirement, ...]", result: "Result") -> "dict[str, Verdict]":
+def verdicts_on(requirements: "tuple[Requirement, ...]", result: "Result | SeveralResult") -> "dict[str, Verdict]":
     """Judge a flight; an invalid run says nothing."""
     from heli_twin.flight import INVALID
 

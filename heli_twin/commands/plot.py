@@ -50,7 +50,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
 
 def run(parsed: Namespace) -> int:
     """Draw and write."""
-    out = parsed.out or free_path(Path(f"{parsed.logs[0].stem}-{parsed.what}.svg"))
+    out = parsed.out or free_path(Path(f"{parsed.logs[0].name.replace('.mcap', '')}-{parsed.what}.svg"))
     if parsed.out is not None:
         require_free(out, parsed.force)
     from heli_twin.plots.figure import form_of, plot, save

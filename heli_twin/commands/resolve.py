@@ -49,6 +49,7 @@ def run(parsed: Namespace) -> int:
     from heli_twin.reanalysis.effort import control_effort, require_agreement
     from heli_twin.reanalysis.resolve import INPUT_TOLERANCE, resolve, resolved_experiment, write
     from heli_twin.recording import read_log
+    from heli_twin.recording.reader import of_ship
     from heli_twin.whole_file import free_path
 
     load_with(parsed)
@@ -61,7 +62,9 @@ def run(parsed: Namespace) -> int:
     with np.errstate(all="ignore"):
         report(log, resolution)
     if differs or parsed.log_dir:
-        path = free_path((parsed.log_dir or parsed.log.parent) / f"{parsed.log.stem}.resolved.mcap")
+        flown, ship = of_ship(parsed.log)
+        stem = f"{flown.stem}-{ship}" if ship else flown.stem
+        path = free_path((parsed.log_dir or flown.parent) / f"{stem}.resolved.mcap")
         write(log, resolution, path)
         say(f"wrote {path}: inputs and plans are new, all else is as flown")
     return 0 if differs or abs(resolution.difference).max() <= INPUT_TOLERANCE else 1

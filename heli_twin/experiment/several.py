@@ -94,7 +94,8 @@ def checked_several(several: Any) -> Several:
     """
     if type(several) is not Several:
         raise ExperimentError(f"this is of the class {type(several).__name__}: give a Several")
-    if not isinstance(several.ships, Mapping):
+    ships: Any = several.ships
+    if not isinstance(ships, Mapping):
         raise ExperimentError("ships is no table of experiments by name: give ships={'a': Experiment(), ...}")
     for name, ship in several.ships.items():
         if type(ship) is not Experiment:

@@ -96,7 +96,7 @@ def planned_paths(logs: Mapping[str, Log], wishes: Mapping[str, Trajectory]) -> 
 def committed_path(log: Log, wish: Trajectory) -> tuple[Array, Array]:
     """Return times (n,), s, and positions (n, 3), m, of what a helicopter was committed to at each time."""
     end = 1e-9 * log.ending.time
-    time = np.arange(round(end / PLAN_GRID_S) + 1) * PLAN_GRID_S
+    time: Array = PLAN_GRID_S * np.arange(round(end / PLAN_GRID_S) + 1, dtype=np.float64)
     position = np.zeros((len(time), 3))
     starts = np.array([1e-9 * committed.time for committed in log.committed])
     which = np.searchsorted(starts, time + 1e-9, side="right") - 1

@@ -20,15 +20,16 @@ from controllers.errors import LawFailed
 from controllers.fallback import safe_hover
 from controllers.laws import Controller, closed_after, flat_derivatives, preview_of
 from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
-from controllers.reference import with_flat
+from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, Pose, QpReport, Reference, nanoseconds
+from controllers.trajectories import Trajectory
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import assignment, changed
 from heli_twin.lab.plant import Air, Truth
 from heli_twin.logbook import begin_log, flown_experiment
 from heli_twin.recording import Log, LogError
-from heli_twin.recording.log import ORIGIN_KEY, Times
+from heli_twin.recording.log import ORIGIN_KEY, Committed, Times
 
 INPUT_TOLERANCE = 1e-4
 """Allowed difference of u_0 on another host or build, fraction of full stick. The solver stops at 1e-5 and may stop one
@@ -131,7 +132,7 @@ def _answers(log: Log, experiment: Experiment) -> Iterator[Command]:
 def _answers_of(controller: Controller, log: Log, experiment: Experiment) -> Iterator[Command]:
     law = experiment.controller
     period, lead, highest = nanoseconds(law.period), nanoseconds(experiment.estimator.lead), flat_derivatives(law)
-    preview = preview_of(law, experiment.trajectory, period, lead)
+    planned = Planned(log.committed, experiment.trajectory, lambda plan: preview_of(law, plan, period, lead))
     supervisor = experiment.supervisor.start(law.model, law.period)
     statuses = dict(zip(log.qp.time.tolist(), log.qp.status.tolist(), strict=True))
     sent = dict(zip(log.sent.time.tolist(), log.sent.u, strict=True))
@@ -142,7 +143,7 @@ def _answers_of(controller: Controller, log: Log, experiment: Experiment) -> Ite
         try:
             if (known := int(np.searchsorted(log.battery.time, t, side="right"))) > 0:
                 supervisor.battery(float(log.battery.voltage[known - 1]))
-            order = supervisor.order(int(t), estimate, preview(estimate.stamp, law.steps))
+            order = supervisor.order(int(t), estimate, planned.at(int(t))(estimate.stamp, law.steps))
             if order.command or not order.reference:
                 yield order.command or safe_hover(law.model, int(t))
             else:
@@ -161,6 +162,34 @@ def _answers_of(controller: Controller, log: Log, experiment: Experiment) -> Ite
             raise HeliTwinError(
                 f"the control problem at {1e-9 * t:.3f} s cannot be rebuilt from this log: {error}"
             ) from error
+
+
+class Planned:
+    """The references of a flight: of its trajectory, or of the plans that one of several helicopters committed to.
+
+    Args:
+        committed: The plans, in the order of time.
+        trajectory: Of the experiment.
+        preview: Makes references of a trajectory.
+    """
+
+    def __init__(
+        self,
+        committed: Sequence[Committed],
+        trajectory: Trajectory,
+        preview: Callable[[Trajectory], ReferencePreview],
+    ) -> None:
+        self._committed, self._trajectory, self._preview = committed, trajectory, preview
+        self._next, self._now = 0, preview(trajectory)
+
+    def at(self, t: int) -> ReferencePreview:
+        """Return the references at t, ns; the times of calls must not decrease."""
+        before = self._next
+        while self._next < len(self._committed) and self._committed[self._next].time <= t:
+            self._next += 1
+        if self._next > before:
+            self._now = self._preview(self._committed[self._next - 1].plan or self._trajectory)
+        return self._now
 
 
 def _estimates(log: Log) -> Iterator[tuple[int, Estimate]]:

@@ -36,7 +36,7 @@ class Sink(NamedTuple):
 
     write: Callable[[Sequence[Timed]], bytes]
     """Takes messages and returns their bytes in the file."""
-    count: Callable[[bytes], None]
+    digest: Callable[[bytes], None]
     """Takes the bytes that belong to the digest of the flight."""
     flush: Callable[[], None]
     """Writes out what was taken."""
@@ -67,7 +67,7 @@ class Wires:
         """Not packed yet, of the topic that is not hashed: time and values."""
         self._layouts = dict(LAYOUTS)
         self._viewers = Viewers(shape, name)
-        sink.count(sink.write([self._viewers.description()]))
+        sink.digest(sink.write([self._viewers.description()]))
 
     def truth(self, t: int, truth: Truth) -> None:
         """Record the true state of the helicopter."""
@@ -176,5 +176,5 @@ class Wires:
         measured, self._measured = self._measured, []
         times = self._layouts[TIMING].pack([values for _, values in measured]) if measured else []
         self._to.write([(TIMING, t, data) for (t, _), data in zip(measured, times, strict=True)])
-        self._to.count(self._to.write(messages))
-        self._to.count(self._to.write([*self._viewers.messages(messages)]))
+        self._to.digest(self._to.write(messages))
+        self._to.digest(self._to.write([*self._viewers.messages(messages)]))

@@ -110,7 +110,7 @@ class Room:
             self.received[delivery.receiver] += 1
             self.stations[delivery.receiver].planner.receive(delivery.at, delivery.message)
         for name, station in self.stations.items():
-            if t >= station.planner.due and name not in self.outcomes:
+            if station.planner.due <= t < station.flight.end and name not in self.outcomes:
                 self.plan(t, name, station)
 
     def plan(self, t: int, name: str, station: Station) -> None:

@@ -1,20 +1,26 @@
 """Several helicopters in one loop and one log."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
+from controllers.coordinations import CommittedPlan, Message, Note, Ship
 from controllers.flatness import state
+from controllers.signals import Estimate
+from controllers.trajectories import Trajectory
 from controllers.trajectories.hover import Hover
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.several import Several, components
-from heli_twin.experiment.several_text import load_several
+from heli_twin.experiment.several_text import changed_several, load_several
 from heli_twin.experiment.tree import ExperimentError, from_json
 from heli_twin.flight import Flight
 from heli_twin.lab.chance import generator
+from heli_twin.lab.network import Network
 from heli_twin.logbook import begin_log, flown_experiment
 from heli_twin.metrics.tracking import metrics
 from heli_twin.reanalysis.refly import refly
@@ -23,6 +29,36 @@ from heli_twin.recording import LogError, read_log, recover
 from heli_twin.recording.schema import FORMAT, MEASURED
 from heli_twin.several.fly import SeveralResult, fly_several
 from heli_twin.several.room import chance_of
+
+STEP_NS, TURN_NS = 200_000_000, 100_000_000
+
+
+@dataclass(frozen=True)
+class Relay:
+    """Every 100 ms each commits to two more seconds of its wish, and tells the others; the tests need no more."""
+
+    kind: Literal["relay"] = "relay"
+
+    def planner_of(self, ship: str, ships: Sequence[Ship]) -> "RelayPlanner":
+        return RelayPlanner(next(each for each in ships if each.name == ship))
+
+
+class RelayPlanner:
+    def __init__(self, ship: Ship) -> None:
+        self.ship, self.due, self.note = ship, 0, Note("kept")
+        self.committed: Trajectory = ship.wish
+        self.heard: list[tuple[int, Message]] = []
+
+    def receive(self, now: int, message: Message) -> None:
+        self.heard.append((now, message))
+
+    def act(self, now: int, estimate: Estimate | None, is_flying: bool) -> Sequence[Message]:
+        self.due += TURN_NS
+        t = 1e-9 * (now + STEP_NS * np.arange(11))
+        knots = np.stack(self.ship.wish.flat(t), axis=1)
+        knots[-1, 1:] = 0.0
+        self.committed, self.note = CommittedPlan(now, STEP_NS, knots), Note("committed", "onwards", solve_ns=now % 7)
+        return [Message(self.ship.name, now, self.committed, knots.nbytes)]
 
 
 def flown(*overrides: str) -> SeveralResult:
@@ -33,6 +69,14 @@ def flown(*overrides: str) -> SeveralResult:
 def apart() -> SeveralResult:
     """Two helicopters that hover far from each other."""
     return flown("duration=1", "scenario=own", "trajectory=hover", "ships.a.trajectory.y=1", "ships.b.trajectory.y=-1")
+
+
+@pytest.fixture(scope="module")
+def relayed(apart: SeveralResult) -> SeveralResult:
+    """Two helicopters that plan anew in flight."""
+    several = load_several("pair", ["duration=2", "scenario=own", "trajectory=circle", "ships.a.trajectory.x=0.8"])
+    several = changed_several(several, ["ships.b.trajectory.x=-0.8"])
+    return fly_several(replace(several, coordination=Relay()), log_dir=None)
 
 
 @pytest.fixture(scope="module")
@@ -139,6 +183,49 @@ def test_a_log_of_several_is_flown_again_bit_for_bit(met: SeveralResult):
 def test_the_problems_of_each_are_solved_again_bit_for_bit(met: SeveralResult):
     for name in met.log.ships:
         assert not resolve(met.log.ship(name)).difference.any()
+
+
+def test_plans_are_recorded_flown_and_solved_again(relayed: SeveralResult):
+    for name in "ab":
+        log = relayed.log.ship(name)
+        first, *others = log.committed
+        assert first == (0, None)
+        assert [1e-9 * time for time, _ in others] == pytest.approx(np.arange(0.0, 2.0, 0.1).tolist())
+        wish = relayed.several.fleet()[name].trajectory
+        for time, plan in others:
+            assert plan is not None
+            t = 1e-9 * (time + STEP_NS * np.arange(10))
+            assert np.array_equal(plan.knots[:10], np.stack(wish.flat(t), axis=1))
+        assert not resolve(log).difference.any()
+        # Without the plans the references are those of the wish.
+        wished = replace(log, messages={topic: m for topic, m in log.messages.items() if topic != "/path"})
+        assert resolve(wished).difference.any()
+
+
+def test_turns_and_messages_are_recorded(relayed: SeveralResult):
+    turns = relayed.log.ship("a").planning
+    assert {turn.outcome for turn in turns} == {"committed"}
+    assert {turn.reason for turn in turns} == {"onwards"}
+    # Both act at the same times: what one tells is heard a turn later.
+    assert [turn.received for turn in turns] == [0, *[1] * (len(turns) - 1)]
+    summary = relayed.summary()
+    assert summary["turns"] == 2 * len(turns)
+    assert summary["messages"] == 2 * len(turns)
+    # A plan follows its wish, whose centre is 1.6 m from that of the other.
+    assert summary["least_planned"] == pytest.approx(1.6, abs=0.01)
+
+
+def test_lost_messages_change_no_flight_whose_planners_do_not_listen(relayed: SeveralResult):
+    lossy = fly_several(replace(relayed.several, network=Network(loss=1.0)), log_dir=None)
+    assert lossy.log.ship("a").messages["/truth"] == relayed.log.ship("a").messages["/truth"]
+    assert not any(turn.received for turn in lossy.log.ship("a").planning)
+
+
+def test_measured_times_are_no_part_of_the_digest(relayed: SeveralResult):
+    again = fly_several(relayed.several, log_dir=None)
+    assert again.flight_digest == relayed.flight_digest
+    topic = "/a/planning_timing"
+    assert again.log.messages[topic] != relayed.log.messages[topic]
 
 
 def test_one_of_them_is_not_flown_again_alone(met: SeveralResult):
