@@ -10,6 +10,7 @@ from statistics import NormalDist
 from typing import Any, Literal, Protocol
 
 from heli_twin.experiment.families import members
+from heli_twin.studies.ensemble import is_ensemble
 from heli_twin.studies.errors import StudyError
 from heli_twin.terminal_text import clean
 
@@ -51,6 +52,31 @@ class Values:
     def quantile(self, p: float) -> Any:
         """The value at this share of the list."""
         return self.values[min(int(p * len(self.values)), len(self.values) - 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Ensemble:
+    """Whole parts, each as likely as the others: the parameters of one go together."""
+
+    names: tuple[str, ...]
+    values: tuple[dict[str, Any], ...]
+    kind: Literal["ensemble"] = "ensemble"
+
+    def levels(self) -> Sequence[dict[str, Any]]:
+        """All of them."""
+        return self.values
+
+    def count(self) -> int:
+        """How many."""
+        return len(self.values)
+
+    def quantile(self, p: float) -> dict[str, Any]:
+        """The one at this share."""
+        return self.values[min(int(p * len(self.values)), len(self.values) - 1)]
+
+    def name_of(self, value: object) -> str:
+        """The name of one of them."""
+        return self.names[self.values.index(value)]  # pyright: ignore[reportArgumentType]
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +202,9 @@ def axis_of(path: str, written: Any) -> Axis:
         if len({repr(value) for value in written}) < len(written):
             raise StudyError(f"axis '{path}' has the same value twice: {clean(list(written), 60)}")
         return Values(tuple(written))
-    names = [name for name in kinds if name != "values"]
+    if is_ensemble(written):
+        return _ensemble(path, written["ensemble"])
+    names = [name for name in kinds if name not in ("values", "ensemble")]
     if not isinstance(written, dict) or len(written) != 1 or next(iter(written)) not in names:
         valid = f"write a list, or one of {', '.join(names)} with its numbers"
         raise StudyError(f"axis '{path}' = {clean(written, 60)}: {valid}")
@@ -190,9 +218,18 @@ def axis_of(path: str, written: Any) -> Axis:
         raise StudyError(f"axis '{path}' = {clean(written, 60)}: {error}") from None
 
 
+def _ensemble(path: str, draws: Any) -> Ensemble:
+    if not isinstance(draws, dict) or not draws or not all(isinstance(value, dict) for value in draws.values()):
+        raise StudyError(
+            f"axis '{path}': an ensemble is the name of a file that `heli-twin calibrate --out DIR` writes, not"
+            f" {clean(draws, 60)}"
+        )
+    return Ensemble(tuple(draws), tuple(draws.values()))
+
+
 def extremes(axis: Axis) -> list[Any]:
-    """The values to try one at a time: all of a list, the two ends of a range or distribution."""
-    if isinstance(axis, Values):
+    """The values to try one at a time: all of a list or an ensemble, the two ends of a range or distribution."""
+    if isinstance(axis, Values | Ensemble):
         return list(axis.values)
     ends = (0.0, 1.0) if axis.count() > 1 else (0.0,) if axis.count() else EXTREME_QUANTILES
     return [_tidy(axis.quantile(p)) for p in ends]

@@ -18,9 +18,10 @@ from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.text import load, presets
 from heli_twin.experiment.tree import canonical_json, experiment_of
 from heli_twin.metrics.reach import planned_reach
-from heli_twin.studies.axes import Values, axis_of
+from heli_twin.studies.axes import Ensemble, Values, axis_of
 from heli_twin.studies.columns import check_metrics
 from heli_twin.studies.designs import Batches, Point
+from heli_twin.studies.ensemble import check_apart, is_ensemble
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.sequential import until_known
 from heli_twin.studies.space import Alternative, Space, value_at, varied
@@ -77,7 +78,7 @@ class StudyPlan:
         return frozenset(
             path
             for path, axis in self.space.axes.items()
-            if isinstance(axis, Values) and any(not isinstance(v, int | float) for v in axis.values)
+            if isinstance(axis, Values | Ensemble) and any(not isinstance(v, int | float) for v in axis.values)
         )
 
     def runs(self, points: Iterable[Point], first_point: int = 0) -> Iterator[PlannedFlight]:
@@ -93,7 +94,9 @@ class StudyPlan:
         shown: dict[str, Any] = {self.contrast: alternative.name} if self.contrast else {}
         for path in point.changes:
             if path in self.space.axes:
-                value = shown_value(value_at(tree, path))
+                axis = self.space.axes[path]
+                is_whole = isinstance(axis, Ensemble)
+                value = axis.name_of(point.changes[path]) if is_whole else shown_value(value_at(tree, path))
                 shown[path] = str(value) if path in self.words else value
         for seed in point.seeds or self.space.seeds:
             tree["seed"] = seed
@@ -121,6 +124,8 @@ def plan_of(study: Study) -> StudyPlan:
     base = _base(study)
     axes = {path: axis_of(path, written) for path, written in study.axes.items()}
     alternatives, contrast = alternatives_of(study)
+    wholes = [path for path, axis in axes.items() if isinstance(axis, Ensemble)]
+    check_apart(wholes, list(axes), {alternative.name: list(alternative.changes) for alternative in alternatives})
     swept = {path: axis for path, axis in axes.items() if path != contrast}
     names = tuple(requirement.name for requirement in study.required)
     plan = StudyPlan(study, Space(base, alternatives, swept, study.seeds, study.score, study.penalty, names), contrast)
@@ -212,7 +217,7 @@ def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
         return tuple(Alternative(name, dict(changes)) for name, changes in study.alternatives.items()), ""
     families = {name for name, part in fields_of(Experiment).items() if isinstance(part.family, OneOf)}
     for path, written in study.axes.items():
-        if path in families:
+        if path in families and not is_ensemble(written):
             levels = axis_of(path, written).levels()
             if not levels:
                 raise StudyError(f"axis '{path}' is a part, not a number: list its kinds")
@@ -230,7 +235,9 @@ def corners(space: Space) -> Iterator[Experiment]:
         yield experiment_of(varied(space.base, alternative.changes))
         for path, axis in space.axes.items():
             # Between two numbers that a field accepts it accepts all.
-            for value in axis.values if isinstance(axis, Values) else (axis.quantile(0.0), axis.quantile(0.999)):
+            for value in (
+                axis.values if isinstance(axis, Values | Ensemble) else (axis.quantile(0.0), axis.quantile(0.999))
+            ):
                 yield experiment_of(varied(space.base, alternative.changes | {path: value}))
 
 

@@ -20,6 +20,7 @@ from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
 from heli_twin.requirements import Requirement, requirements_of, table_of
 from heli_twin.studies.designs import Batches, Design
 from heli_twin.studies.designs.grid import Grid
+from heli_twin.studies.ensemble import embedded
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plain import MAX_NAME_LENGTH, check_plain
 from heli_twin.studies.sequential import MOST
@@ -150,11 +151,13 @@ def _complete(tree: Tree, folder: Path) -> Tree:
 
 
 def _with_members(tree: Tree, folder: Path) -> Tree:
-    """Return a study's tables with the kinds of the classes that they name by files or import paths."""
+    """Return a study's tables with the classes and ensembles that they name by files or import paths."""
     tree = dict(tree)
     for name in ("base", "axes"):
         if isinstance(changes := tree.get(name), dict):
             tree[name] = with_members("", changes, folder)
+    if isinstance(axes := tree.get("axes"), dict):
+        tree["axes"] = embedded(axes, folder)
     if isinstance(alternatives := tree.get("alternatives"), dict):
         tree["alternatives"] = {name: with_members("", changes, folder) for name, changes in alternatives.items()}
     design = tree.get("design")

@@ -16,7 +16,7 @@ from heli_twin.experiment.text import load
 from heli_twin.metrics.reach import planned_reach
 from heli_twin.mission import fly
 from heli_twin.studies.plan import plan_of
-from heli_twin.studies.study import load_study
+from heli_twin.studies.study import load_study, study_of
 
 HIDDEN = [
     "plant.mass=0.030",
@@ -128,6 +128,7 @@ def test_the_ensemble_is_a_study_of_what_the_flights_leave_open(calibrated, tmp_
     path = tmp_path / "ensemble.toml"
     path.write_text(ensemble(calibrated, 3))
     assert len(plan_of(load_study(str(path))).space.alternatives) == 3
+    assert plan_of(study_of({"axes": {"plant": {"ensemble": str(path)}}})).count() == 3
 
 
 def test_effects_that_are_kept_are_in_the_helicopter(calibrated):

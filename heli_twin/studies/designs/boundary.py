@@ -121,5 +121,5 @@ def response(scores: Array, limit: float, first: int) -> Array:
         first: Scores to begin with, of places that were spread evenly: they tell what is far.
     """
     above = scores - limit
-    usual = float(np.median(np.abs(above[:first])))
-    return np.arcsinh(above / (usual or 1.0))
+    near = float(np.median(np.abs(above[:first]))) / 3.0
+    return np.arcsinh(above / (near or 1.0))

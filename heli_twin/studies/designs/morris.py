@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Le, doc
 
-from heli_twin.studies.axes import EXTREME_QUANTILES, Axis, Normal
+from heli_twin.studies.axes import EXTREME_QUANTILES, Axis, Ensemble, Normal
 from heli_twin.studies.designs import Batches, Point, need_axes
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.space import Space
@@ -36,6 +36,11 @@ class Morris:
                 f"design.levels = {self.levels}: it must be even, so that all levels are as likely: {self.levels + 1}"
             )
         for path, axis in space.axes.items():
+            if isinstance(axis, Ensemble):
+                raise StudyError(
+                    f"axis '{path}': a morris design moves one parameter at a time, and those of an ensemble go"
+                    " together: take design.kind = 'sobol', where the ensemble is one axis, or 'latin_hypercube'"
+                )
             if axis.quantile(0.0) == axis.quantile(1.0):
                 raise StudyError(f"axis '{path}' has one value only: it cannot matter")
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from heli_twin.reporting.figure import CONTOUR_RATE, Array, Curve, Dots, Figure, Heat, Panel, decades
 from heli_twin.reporting.intervals import grouped_mean
 from heli_twin.reporting.words import field, listed, metric, number
-from heli_twin.studies.report.results import Results
+from heli_twin.studies.report.results import INDEPENDENT_SENTENCE, Results
 
 MAX_CLOUD_POINTS = 3000
 """Points drawn at most; of more flights every n-th is drawn."""
@@ -26,7 +26,7 @@ def maps(results: Results) -> Iterator[Figure]:
     numbers = [path for path in results.axes if results.is_number(path)]
     if kind == "grid" and len(numbers) >= 2:
         yield from _maps(results, numbers[0], numbers[1])
-    elif kind == "grid":
+    elif kind == "grid" or not numbers:
         yield _sweep(results, numbers[0] if numbers else results.axes[0])
     else:
         yield _clouds(results, numbers)
@@ -262,7 +262,9 @@ def _clouds(results: Results, paths: list[str]) -> Figure:
     sentence = (
         f"Every flight a point, a failed one at the penalty of {results.study.penalty * shown.factor:g} {shown.unit}: "
     )
-    return Figure("clouds", "Over all axes", sentence + f"{listed(rates)} of {len(results):,} flights.", panels)
+    drawn = results.study.design.kind == "latin_hypercube" and len(results.axes) > 1
+    text = f"{sentence}{listed(rates)} of {len(results):,} flights.{f' {INDEPENDENT_SENTENCE}' if drawn else ''}"
+    return Figure("clouds", "Over all axes", text, panels)
 
 
 def _worst_of(rows: Results, group: NDArray[np.int64], groups: int) -> list[str]:

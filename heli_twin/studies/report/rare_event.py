@@ -11,7 +11,7 @@ from heli_twin.reporting.words import metric, number, percent
 from heli_twin.studies.columns import SCORED
 from heli_twin.studies.designs.rare_event import RareEvent, estimate_of
 from heli_twin.studies.least_failure import Change
-from heli_twin.studies.report.results import Results
+from heli_twin.studies.report.results import INDEPENDENT_SENTENCE, Results
 from heli_twin.studies.report.search import place_of
 from heli_twin.studies.subset_simulation import Estimate, mean_state, size
 from heli_twin.studies.worst import command_of
@@ -62,6 +62,7 @@ def rare_event(results: Results) -> Iterator[Figure | Table]:
         f"A flight has failed if its {scale.name} exceeds {limit}, or if it crashes. Subset simulation over all noise"
         f"{' and the axes' if results.axes else ''}, {design.samples} flights a level; the first level is plain random"
         " flights. The probability is that of one flight, in its 95 % interval in 95 of 100 studies."
+        f"{f' {INDEPENDENT_SENTENCE}' if len(results.axes) > 1 else ''}"
     )
     yield Table("How often", text, HEADER, [(each.alternative, *_cells(each, results)) for each in found])
     panels = [

@@ -23,7 +23,9 @@ DESIGN_COLUMNS = ("rung", "height", "varied", "level", "matrix", "sample", "traj
 SEARCH_COLUMNS = ("axis", "share", "value", "found_by", "trial", "state", "factor", "change", "asked")
 TIMES = ("solve_ms.p50", "solve_ms.p99", "solve_ms.max", "control_step_ms.p99", "control_step_ms.max")
 
-INDEPENDENT_SENTENCE = "This needs independent axes: of axes that really vary together it says nothing."
+INDEPENDENT_SENTENCE = (
+    "This needs independent axes: of axes that really vary together it says nothing; an ensemble is one axis."
+)
 """The limit of methods that move or draw each axis by itself."""
 
 
