@@ -88,7 +88,7 @@ class ProxQp:
     def __init__(self, sample: CondensedQp, inputs: int, penalty: float = 1e3) -> None:
         self._sample, self._n, self._m, self._penalty = sample, len(sample.g), inputs, penalty
         self._axis = np.tile(np.eye(inputs), (self._n // inputs, 1))
-        self._hard = _Solver(sample, eps=1e-5, max_iter=9, max_iter_in=12)
+        self._hard = Solver(sample, eps=1e-5, max_iter=9, max_iter_in=12)
 
     def __call__(self, qp: CondensedQp) -> Solution | None:
         """Solve, or return None if neither attempt converged."""
@@ -105,9 +105,9 @@ class ProxQp:
         return Solution(soft.x[:n].copy(), True, float(soft.x[n:].max()), iterations, soft.objective, soft.z)
 
     @cached_property
-    def _soft(self) -> "_Solver":
+    def _soft(self) -> "Solver":
         """Rarely needed and slow to set up."""
-        return _Solver(self._softened(self._sample), eps=1e-4, max_iter=20, max_iter_in=60)
+        return Solver(self._softened(self._sample), eps=1e-4, max_iter=20, max_iter_in=60)
 
     def _softened(self, qp: CondensedQp) -> CondensedQp:
         """Add one slack s >= 0 per velocity axis: v_low - s <= C du <= v_high + s.
@@ -143,7 +143,7 @@ def _out_of_reach(qp: CondensedQp, m: int) -> bool:
     return bool((middle - reach > v_high).any() or (middle + reach < v_low).any())
 
 
-class _Solver:
+class Solver:
     """One ProxQP object of fixed size and scaling."""
 
     def __init__(self, sample: CondensedQp, *, eps: float, max_iter: int, max_iter_in: int) -> None:

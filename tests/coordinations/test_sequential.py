@@ -1,0 +1,128 @@
+"""Planners that plan in turn: no two plans are ever nearer than promised, with messages lost too, and all arrive."""
+
+import numpy as np
+import pytest
+from coordinations.meeting import MODEL, meet, random_flights, swap, to
+
+from controllers.coordinations import Message, Ship
+from controllers.coordinations.sequential import Sequential
+from controllers.trajectories.circle import Circle
+from controllers.trajectories.hover import Hover
+from heli_twin.lab.network import Network
+
+LOSSY = Network(loss=0.3)
+DISTANCE = Sequential().distance
+
+
+@pytest.mark.parametrize(
+    ("wishes", "network", "seconds"),
+    [
+        (swap(2), None, 6.0),
+        (swap(4), LOSSY, 10.0),
+        (random_flights(4, seed=104), LOSSY, 8.0),
+    ],
+    ids=["swap of 2", "swap of 4, lossy", "4, lossy"],
+)
+def test_no_two_are_nearer_than_promised_and_all_arrive(wishes, network, seconds):
+    meeting = meet(wishes, seconds, network=network)
+    assert meeting.promised >= DISTANCE
+    assert meeting.least >= DISTANCE
+    assert np.isfinite(meeting.arrival).all()
+
+
+def test_what_is_clear_is_flown_as_it_is_wished():
+    wishes = {"a": Circle(radius=0.5, rate=1.0), "b": Hover(x=1.5, y=0.5)}
+    meeting = meet(wishes, 4.0)
+    t = 0.01 * np.arange(400)
+    for i, wish in enumerate(wishes.values()):
+        # Knots of the wish, 0.1 s apart: see test_committed_plan.
+        np.testing.assert_allclose(meeting.flown[:, i], wish.flat(t).z[:, :3], atol=1e-6)
+
+
+def test_who_had_to_go_round_is_back_on_its_wish():
+    meeting = meet({"a": Circle(radius=0.8, rate=0.6), "b": to((0.0, -1.4), (0.2, 1.5))}, 9.0)
+    assert meeting.least >= DISTANCE
+    t = 0.01 * np.arange(900)
+    away = np.hypot(*(meeting.flown[:, 0] - Circle(radius=0.8, rate=0.6).flat(t).z[:, :3]).T[:2])
+    assert away.max() > 0.05, "nothing was in its way"
+    assert away[-100:].max() < 1e-6
+
+
+def test_without_messages_nobody_risks_a_meeting():
+    """They fly what they know to be clear, and stay; far apart they need no messages."""
+    meeting = meet(swap(2, radius=1.0), 6.0, network=Network(loss=1.0))
+    assert meeting.promised >= DISTANCE
+    assert not np.isfinite(meeting.arrival).any()
+    assert np.abs(np.diff(meeting.flown[-100:], axis=0)).max() == 0.0
+    far = meet({"a": to((-9.0, 0.0), (-8.0, 0.0)), "b": to((9.0, 0.0), (8.0, 0.0))}, 1.5, network=Network(loss=1.0))
+    assert np.hypot(*(far.flown[-1, 0, :2] - [-9.0, 0.0])) > 0.1
+
+
+def test_an_outage_costs_time_and_no_distance():
+    outage = meet(swap(2), 9.0, network=Network(outage_start=1.0, outage=2.0))
+    assert outage.promised >= DISTANCE
+    assert np.isfinite(outage.arrival).all()
+    assert outage.arrival.max() > meet(swap(2), 9.0).arrival.max()
+
+
+def test_who_is_parked_in_the_way_steps_aside_and_comes_back():
+    """Between those that hover there is no room to pass, nor beside them: those ahead make it."""
+    wishes = {
+        "a": to((-1.2, 0.0), (1.2, 0.0)),
+        "b": Hover(),
+        "c": Hover(y=0.6),
+        "d": Hover(y=-0.6),
+    }
+    meeting = meet(wishes, 11.0, Sequential(half_width=0.9))
+    assert meeting.promised >= DISTANCE
+    assert np.isfinite(meeting.arrival).all()
+    assert any(note.reason == "steps aside" for _, _, note in meeting.notes)
+
+
+def test_others_keep_clear_of_one_that_lands():
+    """In the middle of a swap one stops and stays; it is given a wider berth than one that flies its plan."""
+    spec = Sequential()
+    meeting = meet(swap(4), 9.0, spec, flies=lambda name, t: name != "s0" or t < 2_000_000_000)
+    # It stops at once, which nobody promised.
+    assert meeting.least >= DISTANCE - 0.1
+    assert np.isfinite(meeting.arrival[1:]).all()
+    late = meeting.flown[600:]
+    for i in (1, 2, 3):
+        assert np.hypot(*(late[:, i] - late[:, 0]).T[:2]).min() >= spec.distance + spec.berth - 0.01
+
+
+def test_old_news_replace_no_newer():
+    ships = [Ship(name, wish, MODEL) for name, wish in swap(2).items()]
+    one, other = (Sequential().planner_of(ship.name, ships) for ship in ships)
+    first, second = one.act(0, None, True)[0], one.act(100_000_000, None, True)[0]
+    for message in (second, first):
+        other.receive(200_000_000, message)
+    assert other._heard["s0"].turn == 1
+    assert isinstance(first, Message)
+
+
+def test_news_are_passed_on():
+    """s2 never hears s0, and hears of it from s1."""
+    ships = [Ship(name, wish, MODEL) for name, wish in swap(4).items()]
+    heard = {}
+    for gossip in ("on", "off"):
+        s0, s1, s2 = (Sequential(gossip=gossip).planner_of(name, ships) for name in ("s0", "s1", "s2"))
+        s1.receive(0, s0.act(0, None, True)[0])
+        s2.receive(0, s1.act(s1.due, None, True)[0])
+        heard[gossip] = s2._heard["s0"].turn
+    assert heard == {"on": 0, "off": -1}
+
+
+def test_slow_messages_slow_the_turns():
+    """With 0.1 s for each, 2 ships have a turn every 0.2 s, and messages that need 80 ms are in time."""
+    spec, network = Sequential(hearing=0.1), Network(delay=0.08, jitter=0.0)
+    meeting = meet(swap(2), 7.0, spec, network)
+    assert sum(name == "s0" for _, name, _ in meeting.notes) == 35
+    assert meeting.promised >= DISTANCE
+    assert np.isfinite(meeting.arrival).all()
+
+
+def test_a_start_that_is_too_near_is_refused():
+    ships = [Ship(name, Hover(x=x), MODEL) for name, x in (("a", 0.0), ("b", 0.3))]
+    with pytest.raises(ValueError, match=r"a and b start 0.30 m apart.*distance = 0.45 m"):
+        Sequential().planner_of("a", ships)
