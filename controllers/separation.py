@@ -5,7 +5,7 @@ Helicopters keep apart in the plane, at whatever heights: the jet of a rotor rea
 
 import numpy as np
 
-from controllers.coordinations import CommittedPlan
+from controllers.committed_plan import CommittedPlan
 from controllers.signals import Array
 
 FINE = 4
