@@ -1,4 +1,4 @@
-"""The least change from nominal that fails: the mean of the failures of a search, scaled down until it just fails.
+"""The least change from nominal that fails: the mean of the failures of a search, scaled until it just fails.
 
 It is looked for three times: of axes and noise together, of the noise alone and of the axes alone. As many random
 changes of the same size tell whether its direction matters.
@@ -18,8 +18,10 @@ TRIED = 8
 RANDOM = 20
 """Flights as far from nominal in random directions."""
 Change = Literal["all", "noise", "axes"]
-FARTHEST: dict[Change, float] = {"all": 1.25, "noise": 2.5, "axes": 2.5}
-"""The largest factor of the mean failure that is tried."""
+MOST_CHANGES = 3
+FARTHEST_NOISE, FARTHEST_AXES = 1.0, 4.0
+"""How far from nominal a change is tried: share of the usual noise, and standard deviations of the axes. Where flights
+fail in many ways, their mean is small and has to be scaled up to fail."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,12 @@ def narrowings(mean: State) -> list[Narrowing]:
     parts: dict[Change, State] = {"all": mean}
     if mean.place:
         parts |= {"noise": State((0.0,) * len(mean.place), mean.noise), "axes": State(mean.place, ((0, 0.0),))}
-    return [Narrowing(change, state, high=FARTHEST[change]) for change, state in parts.items()]
+    return [Narrowing(change, state, high=_farthest(change, state)) for change, state in parts.items()]
+
+
+def _farthest(change: Change, state: State) -> float:
+    axes, noise = size(state)
+    return FARTHEST_AXES / max(axes, 1e-9) if change == "axes" else max(1.25, FARTHEST_NOISE / max(noise, 1e-9))
 
 
 def random_states(least: State, seed: int) -> list[State]:

@@ -12,7 +12,7 @@ from heli_twin.lab.chance import mixed
 from heli_twin.studies.campaign import run_study
 from heli_twin.studies.designs.rare_event import estimate_of
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.least_failure import RANDOM, random_states
+from heli_twin.studies.least_failure import RANDOM, narrowings, random_states
 from heli_twin.studies.plan import plan_of
 from heli_twin.studies.report import write_report
 from heli_twin.studies.report.rare_event import searches, told_rare_event
@@ -233,3 +233,13 @@ def test_several_replicates_and_a_limit_above_a_crash_are_refused():
 def test_the_number_of_flights_is_told_before():
     plan = plan_of(study_of(TREE))
     assert plan.count() == 2 * (50 + 2 * 45 + 3 * 16 + 20)
+
+
+def test_where_flights_fail_in_many_ways_their_small_mean_is_scaled_up_to_all_usual_noise():
+    everything, noise, axes = narrowings(State((0.3, 0.4), ((1, 0.06), (2, 0.08))))
+    assert [size(scaled(each.state, each.high)) for each in (everything, noise, axes)] == [
+        pytest.approx((5.0, 1.0)),
+        pytest.approx((0.0, 1.0)),
+        pytest.approx((4.0, 0.0)),
+    ]
+    assert [each.change for each in narrowings(State((), ((1, 1.0),)))] == ["all"]

@@ -13,7 +13,7 @@ from heli_twin.studies.columns import INVALID, SCORED
 from heli_twin.studies.designs import Batches, Point, Row
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.least_failure import (
-    FARTHEST,
+    MOST_CHANGES,
     RANDOM,
     TRIED,
     Narrowing,
@@ -87,7 +87,7 @@ class RareEvent:
         yield from self._least(space, found, first)
 
     def _least(self, space: Space, found: Mapping[str, Estimate], first: int) -> Batches:
-        """Fly the mean failure scaled down, twice, and then as far in random directions."""
+        """Fly the mean failure scaled, twice, and then as far in random directions."""
         open_ones: dict[str, list[Narrowing]] = {
             name: narrowings(mean_state(estimate.failures)) for name, estimate in found.items() if estimate.failures
         }
@@ -116,7 +116,7 @@ class RareEvent:
                 ]
                 for name, those in open_ones.items()
             }
-            first += TRIED * len(FARTHEST)
+            first += TRIED * MOST_CHANGES
         least = {name: scaled(those[0].state, those[0].high) for name, those in open_ones.items() if those}
         yield [
             self._point(space, state, name, first + i, {"change": "random"})
