@@ -34,9 +34,9 @@ def fly_together(parsed: Namespace, source: str, overrides: list[str], requireme
             progress=lambda t: bar.update(task, completed=t),
         )
     if where is not None:
-        from heli_twin.viewing.several import show_several
+        from heli_twin.viewing.show import ShownShips
 
-        show_several(result.log, where)
+        ShownShips(result.log).show(where)
     return _tell(parsed, result, requirements)
 
 

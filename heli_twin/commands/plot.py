@@ -22,6 +22,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "  path      from above and from the side\n"
         "  estimate  the estimator's error with two of its standard deviations, and the poses\n"
         "  timing    measured times of control step and solver\n"
+        "  distance  the least distance of several helicopters, flown and planned\n"
         "  all       everything that the logs hold, on one long page\n"
         "With --require: the moments at which a flight comes nearest to breaking a requirement, with margins.\n"
         "Grey: no poses. Red bar above: a fault. Dotted: what the supervisor decided, touch-down, the end.",

@@ -11,9 +11,10 @@ from PIL import Image
 from heli_twin.errors import HeliTwinError
 from heli_twin.films.encoding import encode, require_encoder
 from heli_twin.films.flights import PLAN_COLOR, CameraKind, Cameras, Shown, cameras, drawing, pose, shown
+from heli_twin.films.ships import frames_of_ships, shown_ships
 from heli_twin.films.strip import Strip, axes, strip_height, titled
 from heli_twin.lab.plant.renderer import Renderer
-from heli_twin.recording import read_log
+from heli_twin.recording import Log, read_log
 from heli_twin.reporting.names import told_apart
 from heli_twin.whole_file import whole_file
 
@@ -53,7 +54,7 @@ def film(paths: Sequence[Path], file: Path, take: Take, progress: CountProgress 
     """Draw and encode a film; the file is there whole or not at all.
 
     Args:
-        paths: Logs of one flight, or of two, which are shown side by side.
+        paths: Logs of one flight, or of two, which are shown side by side; or one of several helicopters.
         file: `NAME.mp4` or `NAME.gif`.
         take: How.
         progress: Told of every frame.
@@ -70,17 +71,25 @@ def film(paths: Sequence[Path], file: Path, take: Take, progress: CountProgress 
     width, height = take.size or (GIF_SIZE if is_gif else DEFAULT_SIZE)
     _check(fps, (width, height), is_gif=is_gif)
     logs = [read_log(path, TOPICS) for path in paths]
-    flights = [shown(log, name, i) for i, (log, name) in enumerate(zip(logs, told_apart(logs, paths), strict=True))]
+    together = len(logs) == 1 and bool(logs[0].ships)
+    flights = shown_ships(logs[0]) if together else _shown(logs, paths)
     times = _times(flights, take, fps)
     with ExitStack() as stack:
         kept = [PLAN_COLOR, *(flight.color for flight in flights)]
-        frames = _frames(stack, flights, take.camera, times, (width, height))
+        if together:
+            frames = frames_of_ships(stack, logs[0], flights, (take.camera, (width, height)), times)
+        else:
+            frames = _frames(stack, flights, take.camera, times, (width, height))
         try:
             with whole_file(file) as part:
                 encode(_counted(frames, len(times), progress), part, file.suffix, fps, kept)
         except OSError as error:
             raise HeliTwinError(f"cannot write {file}: {error.strerror or error}") from None
     return Filmed(len(times), fps, (width, height))
+
+
+def _shown(logs: Sequence[Log], paths: Sequence[Path]) -> list[Shown]:
+    return [shown(log, name, i) for i, (log, name) in enumerate(zip(logs, told_apart(logs, paths), strict=True))]
 
 
 def _check(fps: float, size: tuple[int, int], *, is_gif: bool) -> None:

@@ -1,11 +1,12 @@
 """The strip below the pictures of a film: the error over the flight, and where the film is in it; drawn by Pillow."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from controllers.signals import Array
 from heli_twin.films.flights import PLAN_COLOR, REFERENCE_COLOR, Shown
 from heli_twin.terminal_text import clean
 
@@ -40,8 +41,19 @@ def axes(flights: Sequence[Shown], start: float, end: float) -> Axes:
 class Strip:
     """The strip of one flight."""
 
-    def __init__(self, flight: Shown, width: int, height: int, axes: Axes) -> None:
-        self._flight, self._axes = flight, axes
+    def __init__(
+        self, flight: Shown, width: int, height: int, axes: Axes, tell: Callable[[Array], str] | None = None
+    ) -> None:
+        """Draw what does not change.
+
+        Args:
+            flight: The flight.
+            width: Pixels.
+            height: Pixels.
+            axes: What the strips of the film share.
+            tell: Says an error (4,) in a few words; None for distance and yaw.
+        """
+        self._flight, self._axes, self._tell = flight, axes, tell or _told
         self._size = max(9, round(0.26 * height))
         self._font, self._small = (
             ImageFont.load_default(self._size),
@@ -83,12 +95,16 @@ class Strip:
         lines = [f"{t:6.2f} s"]
         if len(time) and time[0] <= t <= time[-1] + 0.05:
             now = error[min(int(np.searchsorted(time, t)), len(time) - 1)]
-            lines.append(f"{100 * float(np.linalg.norm(now[:3])):.1f} cm  {np.degrees(now[3]):+.1f}°")
+            lines.append(self._tell(now))
         elif t > self._flight.end:
             lines.append(self._flight.log.outcome.replace("_", " "))
         for i, line in enumerate(lines):
             draw.text((0.4 * self._size, self._top + i * 1.25 * self._size), line, fill=INK, font=self._font)
         return picture
+
+
+def _told(error: Array) -> str:
+    return f"{100 * float(np.linalg.norm(error[:3])):.1f} cm  {np.degrees(error[3]):+.1f}°"
 
 
 def titled(picture: Image.Image, flight: Shown, size: int) -> Image.Image:

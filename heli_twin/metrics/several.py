@@ -193,3 +193,17 @@ def several_metrics(log: Log, wishes: Mapping[str, Trajectory]) -> dict[str, Any
 
 def _greatest(times: Sequence[float | None]) -> float | None:
     return max((time for time in times if time is not None), default=None)
+
+
+def least_over_time(paths: Mapping[str, tuple[Array, Array]], axes: int = 2) -> tuple[Array, Array]:
+    """Return times (n,), s, and the least distance of any two then, m; in the plane, or in space for 3 axes."""
+    if len(paths) < 2:
+        return np.zeros(0), np.zeros(0)
+    time = np.unique(np.concatenate([time for time, _ in paths.values()]))
+    at = {
+        name: np.column_stack([np.interp(time, own, position[:, i]) for i in range(axes)])
+        for name, (own, position) in paths.items()
+        if len(own)
+    }
+    apart = [np.linalg.norm(at[a] - at[b], axis=1) for a, b in combinations(at, 2)]
+    return time, np.min(apart, axis=0) if apart else np.full(len(time), np.inf)

@@ -11,7 +11,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from heli_twin.errors import HeliTwinError
-from heli_twin.plots import estimate, inputs, path, timing, tracking
+from heli_twin.plots import distance, estimate, inputs, path, timing, tracking
 from heli_twin.plots.requirements import rows
 from heli_twin.plots.runs import Run, runs
 from heli_twin.reporting.svg import RC_PARAMETERS
@@ -19,7 +19,14 @@ from heli_twin.requirements import requirements_of
 from heli_twin.terminal_text import instead
 from heli_twin.whole_file import write_whole
 
-_KINDS = {"tracking": tracking, "inputs": inputs, "path": path, "estimate": estimate, "timing": timing}
+_KINDS = {
+    "tracking": tracking,
+    "inputs": inputs,
+    "path": path,
+    "estimate": estimate,
+    "timing": timing,
+    "distance": distance,
+}
 KINDS = (*_KINDS, "all")
 FORMATS = ("svg", "pdf", "png")
 PAGE_WIDTH_INCHES, COLUMN_WIDTH_INCHES = 7.16, 3.5
@@ -64,7 +71,8 @@ def plot(
         logs: Paths of logs, logs that `read_log` has read, or results of `fly`.
         what: `tracking` (flown, reference and error of x, y, z and yaw), `inputs` (sent and acting, with their limits),
             `path` (from above and from the side), `estimate` (its error with two standard deviations), `timing`
-            (measured times of control step and solver), or `all` of them on one long page.
+            (measured times of control step and solver), `distance` (the least of several helicopters), or `all` of
+            them on one long page.
         start: First moment that is shown, s; None for the beginning.
         end: Last moment, s; None for the end of the longest flight.
         names: For the legend; None: the fields in which the experiments differ.

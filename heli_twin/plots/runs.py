@@ -62,7 +62,7 @@ def runs(
     """
     if not logs:
         raise HeliTwinError("no flight is given: give the path of one log or more")
-    read = [_log(each) for each in logs]
+    read, ships = _each([_log(each) for each in logs])
     if names is not None and len(names) != len(read):
         raise HeliTwinError(f"names has {len(names)} names for {len(read)} flights: give one for each")
     longest = max(1e-9 * log.ending.time for log in read)
@@ -75,11 +75,24 @@ def runs(
     known = [_experiment(log) for log in read]
     required = tuple(requirements)
     verdicts = [tuple(judge(required, log).values()) if required else () for log in read]
-    shown = names or told_apart(read, logs)
+    shown = names or ships or told_apart(read, logs)
     return [
         Run(log, clean(name, NAME_LIMIT), color(i), experiment, first, min(last, longest), judged)
         for i, (log, name, experiment, judged) in enumerate(zip(read, shown, known, verdicts, strict=True))
     ]
+
+
+def _each(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
+    """The flights of all helicopters, and their names if one log holds several; else no names."""
+    if not any(log.ships for log in logs):
+        return [*logs], []
+    read: list[Log] = []
+    names: list[str] = []
+    for i, log in enumerate(logs, 1):
+        for name in log.ships or [""]:
+            read.append(log.ship(name) if name else log)
+            names.append(" ".join(filter(None, (name, f"of {i}" if len(logs) > 1 else ""))))
+    return read, names
 
 
 def _log(source: Any) -> Log:

@@ -13,10 +13,10 @@ from heli_twin.recording.schema import LAYOUTS
 from heli_twin.validation.forecast import BIN_S, HORIZON_BINS, Forecast, forecast, held_fit
 from heli_twin.validation.twins import noise_in, twin_of
 from heli_twin.validation.validate import pieces_of
-from heli_twin.viewing.show import ShownFlights, with_truth
+from heli_twin.viewing.show import Shown, ShownFlights, with_truth
 
 
-def with_ghost(shown: ShownFlights, source: str) -> ShownFlights:
+def with_ghost(shown: Shown, source: str) -> ShownFlights:
     """Return a flight with the ghost of a twin beside it.
 
     Args:
@@ -26,8 +26,8 @@ def with_ghost(shown: ShownFlights, source: str) -> ShownFlights:
     Raises:
         HeliTwinError: There are two flights, the twin cannot be read, or the log has no usable flight.
     """
-    if len(shown.logs) != 1:
-        raise HeliTwinError("--ghost stands beside one flight: give one log")
+    if not isinstance(shown, ShownFlights) or len(shown.logs) != 1:
+        raise HeliTwinError("--ghost stands beside one flight: give one log, or of several helicopters one, RUN.mcap#a")
     experiment = load(source)
     twin = twin_of("ghost", experiment, noise_in(source, experiment))
     (log,), (name,) = shown.logs, shown.names

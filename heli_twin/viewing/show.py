@@ -24,6 +24,7 @@ from heli_twin.requirements import Requirement, requirements_of
 from heli_twin.viewing.blueprint import Scales
 from heli_twin.viewing.live import Destination, show
 from heli_twin.viewing.requirements import Judged, judged
+from heli_twin.viewing.ships import show_ships
 from heli_twin.viewing.two_flights import ComparedFlight, show_both
 from heli_twin.viewing.viewer_process import picture, web_viewer
 from heli_twin.whole_file import write_whole
@@ -92,7 +93,30 @@ class ShownFlights(NamedTuple):
         return judged(self.requirements, log) if self.requirements and not is_predicted else ()
 
 
-def flights(paths: Sequence[Path], requirements: str | None = None) -> ShownFlights:
+class ShownShips(NamedTuple):
+    """Several helicopters that flew in one room, to show."""
+
+    log: Log
+
+    @property
+    def duration(self) -> float:
+        """The longest flight's, s."""
+        return 1e-9 * self.log.ending.time
+
+    def show(self, where: Destination, tab: str = "") -> None:
+        """Show all in one scene, with the plots of a tab in front.
+
+        Raises:
+            LogError: No viewer listens or answers, or the file cannot be written.
+        """
+        ships = {name: viewed_experiment(self.log.ship(name)) for name in self.log.ships}
+        show_ships(self.log, {name: (e, scales_of(e)) for name, e in ships.items()}, where, tab)
+
+
+Shown = ShownFlights | ShownShips
+
+
+def flights(paths: Sequence[Path], requirements: str | None = None) -> Shown:
     """Read logs to show.
 
     Args:
@@ -106,6 +130,10 @@ def flights(paths: Sequence[Path], requirements: str | None = None) -> ShownFlig
     """
     required = () if requirements is None else requirements_of(requirements)
     logs = [read_log(path) for path in paths]
+    if len(logs) == 1 and logs[0].ships:
+        if required:
+            raise HeliTwinError(f"--require is for one helicopter: give {paths[0]}#{next(iter(logs[0].ships))}")
+        return ShownShips(logs[0])
     names = [path.name for path in paths]
     return ShownFlights(logs, [viewed_experiment(log) for log in logs], names, requirements=required)
 
@@ -129,7 +157,7 @@ def with_truth(log: Log) -> Log:
 
 
 @contextmanager
-def in_browser(shown: ShownFlights, port: int, tab: str = "") -> Generator[subprocess.Popen[bytes]]:
+def in_browser(shown: Shown, port: int, tab: str = "") -> Generator[subprocess.Popen[bytes]]:
     """Serve flights to browsers while the block lasts, from this machine to this machine alone.
 
     Args:
@@ -147,7 +175,7 @@ def in_browser(shown: ShownFlights, port: int, tab: str = "") -> Generator[subpr
             yield server
 
 
-def snapshot(shown: ShownFlights, file: Path, at: float | None, size: tuple[int, int], tab: str = "") -> None:
+def snapshot(shown: Shown, file: Path, at: float | None, size: tuple[int, int], tab: str = "") -> None:
     """Write a picture of flights at one moment, without a screen.
 
     Args:

@@ -83,7 +83,7 @@ class Pose(NamedTuple):
 
 
 class Renderer:
-    """Draws one helicopter over a floor. Close it, or use it as a context."""
+    """Draws one helicopter, or several, over a floor. Close it, or use it as a context."""
 
     def __init__(self, plant: Any, width: int, height: int) -> None:
         """Load the model and the graphics driver.
@@ -120,7 +120,7 @@ class Renderer:
         flags = mujoco.mjtRndFlag
         for flag in (flags.mjRND_REFLECTION, flags.mjRND_SHADOW, flags.mjRND_HAZE):
             scene.flags[flag] = 0
-        self._options = mujoco.MjvOption()
+        self._options, self._perturbation = mujoco.MjvOption(), mujoco.MjvPerturb()
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._picture = np.zeros((height, width, 3), np.uint8)
@@ -139,9 +139,14 @@ class Renderer:
         self._hubs = (np.array(axes) - origin) @ R
 
     def draw(
-        self, pose: Pose, camera: Camera, lines: Sequence[Line] = (), balls: Sequence[Ball] = ()
+        self,
+        pose: Pose,
+        camera: Camera,
+        lines: Sequence[Line] = (),
+        balls: Sequence[Ball] = (),
+        others: Sequence[Pose] = (),
     ) -> NDArray[np.uint8]:
-        """Draw one picture, (height, width, 3)."""
+        """Draw one picture, (height, width, 3), of a helicopter, and of others that look like it."""
         mujoco = engine()
         self._place(pose)
         seen = self._camera
@@ -152,6 +157,10 @@ class Renderer:
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = above_horizon
         category = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, self._data, self._options, None, seen, category, self._scene)
+        for other in others:
+            self._place(other)
+            moving = mujoco.mjtCatBit.mjCAT_DYNAMIC.value
+            mujoco.mjv_addGeoms(self._model, self._data, self._options, self._perturbation, moving, self._scene)
         for line in lines:
             self._line(mujoco, line)
         for ball in balls:
