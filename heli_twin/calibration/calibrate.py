@@ -1,7 +1,9 @@
 """From logs to a calibrated helicopter: the fit in stages, its parameters with intervals, what is left out.
 
 Effects that the flights do not show are left out, since each costs the others accuracy: hub drag, thrust-yaw coupling,
-the battery, and the servos' play and speed, which are fitted only if the attitude is explained better with them.
+the battery, and the servos' play and speed, which are fitted only if the attitude is explained better with them. One
+that is believed, and that the flights neither show nor contradict, stays with what is believed as its prior: without it
+others would take its place. That is the ground effect at the height of a room.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,7 +33,9 @@ EFFECTS = {
 }
 """Parameters of each plant effect."""
 SHOWN = 16.0
-"""Least squared distance from zero, in standard deviations, of an effect that is kept."""
+"""Least squared distance from zero, in standard deviations, of an effect that the flights show."""
+CONTRADICTED = 9.0
+"""Least squared distance from what is believed, in standard deviations, of an effect that the flights contradict."""
 Z_95 = 1.959964
 TOLD = 0.5
 """A parameter is told if its standard deviation is below this share of the prior's."""
@@ -59,7 +63,7 @@ class Calibrated:
     first: Fit
     """The fit with all effects."""
     kept: tuple[str, ...]
-    """Effects that the flights show."""
+    """Effects that it has: those that the flights show, or do not contradict."""
     structure: Structure
     mass: float
     """kg, as weighed or believed."""
@@ -176,8 +180,9 @@ def calibrate(
     Raises:
         CalibrationError: The logs cannot calibrate a twin.
     """
-    believed = of_experiment(base)
-    prior = vector(np.array([believed[name] for name in NAMES]))
+    expected = of_experiment(base)
+    believed = vector(np.array([expected[name] for name in NAMES]))
+    prior = believed.copy()
     for names in EFFECTS.values():
         prior[[INDEX[name] for name in names]] = 0.0
     check_recording(flights, prior)
@@ -191,12 +196,16 @@ def calibrate(
     if gain > FRAME_GAIN:
         first = fit(loose, begin, progress, enough=1.0, limit=4)
         first = fit(loose, timed(loose, first, first.ahead)[0], progress, enough=0.5, limit=5)
-    kept = tuple(name for name in EFFECTS if _is_shown(first, name))
+    shown = [name for name in EFFECTS if _distance(first, name, 0.0 * believed) > SHOWN]
+    kept = tuple(name for name in EFFECTS if name in shown or _is_open(first, name, believed))
     spread, theta = first.problem.spread.copy(), first.ahead.theta.copy()
-    for name in EFFECTS:
+    for name, parameters in EFFECTS.items():
+        places = [INDEX[p] for p in parameters]
         if name not in kept:
             hold(spread, name)
-            theta[[INDEX[p] for p in EFFECTS[name]]] = 0.0
+            theta[places] = 0.0
+        elif name not in shown:
+            prior[places] = believed[places]
     final = fit(Problem(flights, lab_of(base), prior, spread), first.ahead._replace(theta=theta), progress)
     check_clock(final)
     limit = CONVERGED_WITH_PLAY if "servo" in kept else CONVERGED
@@ -218,13 +227,20 @@ def hold(spread: Array, effect: str) -> None:
     spread[[INDEX[name] for name in EFFECTS[effect]]] = 0.1 * FIXED
 
 
-def _is_shown(fitted: Fit, effect: str) -> bool:
-    """Whether the data alone put an effect's parameters far from zero."""
+def _is_open(fitted: Fit, effect: str, believed: Array) -> bool:
+    """Whether an effect is believed, fitted, and not contradicted."""
+    i = [INDEX[name] for name in EFFECTS[effect]]
+    is_fitted = bool(np.any(believed[i])) and fitted.problem.spread[i[0]] > FIXED
+    return is_fitted and _distance(fitted, effect, believed) < CONTRADICTED
+
+
+def _distance(fitted: Fit, effect: str, point: Array) -> float:
+    """Squared distance of an effect's parameters from those of a vector (n,), in standard deviations; 0 if held."""
     i = [INDEX[name] for name in EFFECTS[effect]]
     if fitted.problem.spread[i[0]] <= FIXED:
-        return False
+        return 0.0
     wide = np.maximum(np.diag(fitted.covariance), np.diag(fitted.sandwich))[i]
     scale = np.sqrt(wide / np.diag(fitted.covariance)[i])
     covariance = fitted.covariance[np.ix_(i, i)] * np.outer(scale, scale)
-    theta = fitted.state.theta[i]
-    return float(theta @ np.linalg.solve(covariance, theta)) > SHOWN
+    away = (fitted.state.theta - point)[i]
+    return float(away @ np.linalg.solve(covariance, away))

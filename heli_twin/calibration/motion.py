@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from controllers.model import GRAVITY
 from controllers.signals import Array
 from heli_twin.calibration.data import BIN_STEPS, STEP_S
-from heli_twin.calibration.parameters import INDEX, Lab, values
+from heli_twin.calibration.parameters import INDEX, ROTOR_RADIUS_M, Lab, values
 
-ROTOR_RADIUS_M, LOWER_HUB_M, DAMPING_LOSS = 0.095, 0.028, 3.0
+LOWER_HUB_M, DAMPING_LOSS = 0.028, 3.0
 """Of the ground effect: see the plant effect `ground_effect`."""
 
 

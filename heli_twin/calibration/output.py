@@ -16,7 +16,16 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, Calibrated
 from heli_twin.calibration.coverage import covered
-from heli_twin.calibration.parameters import BATTERY_VOLTAGE_V, NAMES, POSITIVE, SPREAD, helicopter, member, values
+from heli_twin.calibration.parameters import (
+    BATTERY_VOLTAGE_V,
+    NAMES,
+    POSITIVE,
+    ROTOR_RADIUS_M,
+    SPREAD,
+    helicopter,
+    member,
+    values,
+)
 from heli_twin.calibration.problem import FIXED
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.tree import physics_line, table_of
@@ -109,8 +118,9 @@ def _effects(believed: MuJoCo, p: dict[str, float], mass: float, izz: float, kep
     if "servo" in kept:
         slew = 1.0 / max(p["servo_slowness"], LEAST_SLOWNESS)
         effects.append(Servo(deadband=0.0, slew=slew, backlash=max(p["servo_backlash"], 0.0)))
-    if "ground_effect" in kept or "ground_effect" in old:
-        effects.append(member(old, GroundEffect))
+    if "ground_effect" in kept and p["ground_effect"] > 0.0:
+        radius = ROTOR_RADIUS_M * min(float(np.sqrt(p["ground_effect"])), 10.0)
+        effects.append(replace(member(old, GroundEffect), radius=radius))
     return tuple(effects)
 
 

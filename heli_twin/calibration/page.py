@@ -60,7 +60,7 @@ def _verdict(calibrated: Calibrated) -> Table:
         ("flights", ", ".join(calibrated.logs)),
         ("told", f"{sum(k.told for k in known.values())} of {len(known)} parameters"),
         ("not told: the prior speaks", ", ".join(untold) or "none"),
-        ("effects that the flights show", ", ".join(calibrated.kept) or "none"),
+        ("effects that it has", ", ".join(calibrated.kept) or "none"),
         ("effects that are left out", ", ".join(name for name in EFFECTS if name not in calibrated.kept) or "none"),
         (
             "form of the twin",

@@ -14,6 +14,7 @@ from controllers.markers import by_name
 from controllers.signals import Array
 from heli_twin.experiment import Experiment
 from heli_twin.lab.plant.effects.battery import BatterySpec
+from heli_twin.lab.plant.effects.ground_effect import GroundEffect
 from heli_twin.lab.plant.effects.hub_drag import HubDrag
 from heli_twin.lab.plant.effects.servo import Servo
 from heli_twin.lab.plant.effects.thrust_yaw_coupling import ThrustYawCoupling
@@ -65,6 +66,8 @@ NAMES = tuple(p.name for p in PARAMETERS)
 INDEX = {name: i for i, name in enumerate(NAMES)}
 POSITIVE = np.array([p.is_positive for p in PARAMETERS])
 SPREAD = np.array([p.spread for p in PARAMETERS])
+ROTOR_RADIUS_M = GroundEffect().radius
+"""Of a ground effect of strength 1, which grows with its square."""
 LEAST_LAG_S = 1e-3
 """The logarithm of a lag of zero does not exist."""
 BATTERY_VOLTAGE_V = 3.95
@@ -159,7 +162,7 @@ def of_experiment(experiment: Experiment) -> dict[str, float]:
             "battery_droop": battery.resistance * battery.hover_current / BATTERY_VOLTAGE_V,
         },
         "servo": {"servo_backlash": servo.backlash, "servo_slowness": 1.0 / servo.slew},
-        "ground_effect": {"ground_effect": 1.0},
+        "ground_effect": {"ground_effect": (member(effects, GroundEffect).radius / ROTOR_RADIUS_M) ** 2},
     }
     for kind, its in of_effects.items():
         basic |= its if kind in effects else dict.fromkeys(its, 0.0)

@@ -231,7 +231,7 @@ def show(calibrated: "Calibrated", files: list[Path]) -> None:
         table.add_row(name, f"{k.value:.4g}", f"{k.low:.4g} to {k.high:.4g}", k.unit, note)
     Console().print(table)
     left_out = [name for name in EFFECTS if name not in calibrated.kept]
-    say(f"plant effects that the flights show: {', '.join(calibrated.kept) or 'none'}; left out: {', '.join(left_out)}")
+    say(f"plant effects that it has: {', '.join(calibrated.kept) or 'none'}; left out: {', '.join(left_out) or 'none'}")
     channel, statistic, ratio = calibrated.structure.worst
     verdict = "the form of the twin explains these flights" if ratio <= 1.0 else "the form of the twin is wrong"
     say(f"{verdict}: worst residual {channel}, {statistic}, {ratio:.2f} of its limit")

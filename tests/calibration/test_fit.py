@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from heli_twin.calibration.calibrate import _is_open
 from heli_twin.calibration.fit import _turns_back
+from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD
 
 
 def step(*values: float):
@@ -26,3 +28,27 @@ def step(*values: float):
 )
 def test_a_step_is_halved_only_where_it_turns_back(before, now, is_to_and_fro):
     assert _turns_back(step(*before), step(*now)) == is_to_and_fro
+
+
+@pytest.mark.parametrize(
+    ("found", "believed", "is_open"),
+    [
+        (0.4, 1.0, True),
+        # Three standard deviations away.
+        (-1.5, 1.0, False),
+        # Nobody believes it, so that it needs to be shown.
+        (0.4, 0.0, False),
+    ],
+)
+def test_an_effect_stays_if_it_is_believed_and_not_contradicted(found, believed, is_open):
+    i, n = INDEX["ground_effect"], len(NAMES)
+    theta, expected = np.zeros(n), np.zeros(n)
+    theta[i], expected[i] = found, believed
+    covariance = 0.7**2 * np.eye(n)
+    fitted = SimpleNamespace(
+        problem=SimpleNamespace(spread=SPREAD),
+        state=SimpleNamespace(theta=theta),
+        covariance=covariance,
+        sandwich=covariance,
+    )
+    assert _is_open(fitted, "ground_effect", expected) == is_open
