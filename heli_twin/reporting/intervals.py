@@ -212,6 +212,20 @@ def grouped_mean(group: NDArray[np.int64], values: Array, groups: int) -> Groupe
     return GroupedMean(mean, mean - half, mean + half, n)
 
 
+def grouped_percent(group: NDArray[np.int64], happened: NDArray[np.bool_], groups: int) -> GroupedMean:
+    """How often something happened in each of many groups, %, with Wilson's intervals.
+
+    Args:
+        group: (n,) number of each flight's group, from 0 on; the flights of a group are independent.
+        happened: (n,).
+        groups: How many groups.
+    """
+    n = np.bincount(group, minlength=groups)
+    found = [wilson(int(k), int(of)) for k, of in zip(np.bincount(group[happened], minlength=groups), n, strict=True)]
+    value, low, high = (100.0 * np.array([getattr(each, part) for each in found]) for part in ("value", "low", "high"))
+    return GroupedMean(value, low, high, n)
+
+
 def shown_share(failures: int, n: int) -> float:
     """The share of all flights that do not fail at least, with 95 % confidence, when so many of n failed.
 

@@ -7,6 +7,7 @@ from heli_twin.reporting.intervals import (
     failure_interval,
     flights_to_show,
     grouped_mean,
+    grouped_percent,
     mean_interval,
     median_interval,
     paired_interval,
@@ -246,3 +247,11 @@ def test_the_bound_of_scores_holds_in_95_of_100_studies_of_any_distribution(draw
     held = np.mean([tolerance_bound(row) >= quantile for row in values])
     # 3 standard deviations of 4000 studies are 1 %; the ranks are whole, so that it holds more often.
     assert 0.95 - 0.01 <= held <= 0.98
+
+
+def test_rates_of_groups_have_wilsons_interval_each():
+    found = grouped_percent(np.array([0, 0, 2, 2, 2]), np.array([True, False, False, False, False]), 3)
+    assert (found.mean[0], found.mean[2], found.n.tolist()) == (50.0, 0.0, [2, 0, 3])
+    assert np.isnan(found.mean[1])
+    assert (found.low[0], found.high[0]) == pytest.approx([100.0 * limit for limit in wilson(1, 2)[1:3]])
+    assert (found.low[2], found.high[2]) == pytest.approx([100.0 * limit for limit in wilson(0, 3)[1:3]])

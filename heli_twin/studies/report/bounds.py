@@ -48,10 +48,11 @@ def samples(results: Results) -> list[Sample]:
         mine = results.of(alternative)
         points = [None] if isinstance(study.design, MonteCarlo) else np.unique(mine["point"]).tolist()
         for point in points[: MOST_GROUPS + 1]:
-            rows = mine if point is None else mine.where(mine["point"] == point)
+            is_mine = np.full(len(mine), True) if point is None else mine["point"] == point
+            rows = mine.where(is_mine)
             if len(rows) < FEWEST_FLIGHTS:
                 return []
-            place = "" if point is None else place_of(rows, 0)
+            place = "" if point is None else place_of(mine, int(np.argmax(is_mine)))
             name = ", ".join(filter(None, (alternative if len(results.alternatives) > 1 else "", place)))
             found.append(_sample(name, rows))
     return found if len(found) <= MOST_GROUPS else []
@@ -66,19 +67,25 @@ def bounds(results: Results) -> Iterator[Table]:
     text = (
         "Independent flights. Shown: at least so many of all flights do not fail, with 95 % confidence;"
         f" {flights_to_show(0.95)} flights without a failure show 95 %, {flights_to_show(0.99)} show 99 % (Wilks)."
-        f" Last column: 95 % of all flights stay below this {scale.name}, with 95 % confidence; it takes"
-        f" {flights_to_show(SHARE)} flights. Each row by itself is right in 95 of 100 studies."
+        " Each row by itself is right in 95 of 100 studies."
     )
-    header = ("", "failed, 95 % interval (Wilson)", "shown", f"{scale.name} of 95 %")
+    header = ["", "failed, 95 % interval (Wilson)", "shown"]
     rows = [
-        (
+        [
             sample.name,
             f"{sample.failures} of {sample.flights:,}, {percent(wilson(sample.failures, sample.flights))}",
             sample.told,
-            f"{number(sample.bound * scale.factor)} {scale.unit}".rstrip() if np.isfinite(sample.bound) else "-",
-        )
+        ]
         for sample in found
     ]
+    if any(np.isfinite(sample.bound) for sample in found):
+        text += (
+            f" Last column: 95 % of all flights stay below it, with 95 % confidence ({flights_to_show(SHARE)} needed)."
+        )
+        header.append(f"{scale.name} of 95 %")
+        for row, sample in zip(rows, found, strict=True):
+            known = f"{number(sample.bound * scale.factor)} {scale.unit}".rstrip()
+            row.append(known if np.isfinite(sample.bound) else "-")
     yield Table("What the flights show", text, header, rows)
 
 

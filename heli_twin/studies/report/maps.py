@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_twin.reporting.figure import CONTOUR_RATE, Array, Curve, Dots, Figure, Heat, Panel, decades
-from heli_twin.reporting.intervals import grouped_mean
+from heli_twin.reporting.intervals import grouped_mean, grouped_percent
 from heli_twin.reporting.words import field, listed, metric, number
 from heli_twin.studies.report.results import INDEPENDENT_SENTENCE, Results
 
@@ -43,8 +43,7 @@ def _sweep(results: Results, path: str) -> Figure:
         for what, column in shown.values()
     ]
     if results.failed.any():
-        rate = 100 * results.failed.astype(float)
-        panels.append(_along(results, path, values, place, series, "failed flights", "%", rate))
+        panels.append(_along(results, path, values, place, series, "failed flights", "%", results.failed))
     title = f"Along {path}"
     return Figure(f"along-{_slug(path)}", title, _sweep_sentence(results, path, values, place, series, chosen), panels)
 
@@ -72,14 +71,15 @@ def _along(
     series: dict[str, NDArray[np.bool_]],
     title: str,
     label: str,
-    column: Array,
+    column: Array | NDArray[np.bool_],
 ) -> Panel:
-    """Return the panel of one quantity, in its shown unit, along an axis."""
+    """Return the panel of one quantity, in its shown unit, along an axis; of true and false the share in %."""
     marks: list[Curve | Dots] = []
     numbers = results.is_number(path)
     scale = field(path, values.tolist() if numbers else [])
     for number_, (name, mask) in enumerate(series.items()):
-        mean = grouped_mean(place[mask], column[mask], len(values))
+        group = grouped_percent if column.dtype == np.bool_ else grouped_mean
+        mean = group(place[mask], column[mask], len(values))
         commands = _worst_of(results.where(mask), place[mask], len(values))
         band = (mean.low, mean.high) if (mean.n > 1).any() else (None, None)
         if numbers:
