@@ -137,10 +137,10 @@ def _claim(row: Mapping[str, Any]) -> Claim:
 
 def _factor(name: str, row: Mapping[str, Any]) -> Factor:
     level = row.get("level")
-    if level not in LEVELS or isinstance(level, bool):
+    if not isinstance(level, int) or isinstance(level, bool) or level not in LEVELS:
         raise HeliTwinError(f"factors.{clean(name, 60)}.level = {clean(level, 20)}: write 0, 1, 2, 3 or 4")
     return Factor(
-        name.replace("_", " "), int(level), _texts(name, row, "why")["why"], _evidence(row), str(row.get("missing", ""))
+        name.replace("_", " "), level, _texts(name, row, "why")["why"], _evidence(row), str(row.get("missing", ""))
     )
 
 

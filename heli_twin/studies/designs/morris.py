@@ -1,6 +1,6 @@
 """Morris screening: which axes matter at all, from few flights, before Sobol indices of those that do."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -74,7 +74,7 @@ class Morris:
                 yield _point(space, shares.tolist(), labels)
 
 
-def _point(space: Space, shares: list[float], labels: dict[str, object]) -> Point:
+def _point(space: Space, shares: list[float], labels: Mapping[str, object]) -> Point:
     return Point({p: _at(a, share) for (p, a), share in zip(space.axes.items(), shares, strict=True)}, labels)
 
 

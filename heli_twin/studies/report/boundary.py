@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from heli_twin.experiment.tree import parsed
-from heli_twin.reporting.figure import Array, Curve, Figure, Heat, Panel, decades
+from heli_twin.reporting.figure import Curve, Figure, Heat, Panel, decades
 from heli_twin.reporting.intervals import Interval
 from heli_twin.reporting.words import field, listed, metric, number
 from heli_twin.studies.axes import Axis, axis_of, share_of
@@ -21,38 +22,37 @@ SURE = (0.025, 0.975)
 """Probabilities of failing between which a place is uncertain."""
 
 
+class Learned(NamedTuple):
+    """What the flights of one alternative tell."""
+
+    surrogate: Surrogate
+    axes: Mapping[str, Axis]
+    middle: list[float]
+    """Where slices are taken, as shares of the axes."""
+
+
 def boundary(results: Results) -> Iterator[Figure]:
     """Yield one figure for all alternatives over two axes; one for each alternative over more."""
     design = results.study.design
     if not isinstance(design, Boundary) or len(results.axes) < 2:
         return
     axes = {path: axis_of(path, written) for path, written in results.study.axes.items() if path in results.axes}
-    names = list(axes)
-    panels: dict[str, list[Panel]] = {}
-    facts: dict[str, str] = {}
-    for alternative in results.alternatives:
-        mine = results.of(alternative)
-        surrogate = _learned(mine, design, axes)
-        facts[alternative] = f"{alternative} {_fact(surrogate, len(axes))}"
-        if len(axes) == 2:
-            panels[alternative] = [_map(alternative, surrogate, mine, axes, names[0], names[1])]
-        else:
-            middle = _middle(results, axes)
-            panels[alternative] = [
-                _map(f"{up} over {across}", surrogate, None, axes, across, up, middle)
-                for across, up in combinations(names, 2)
-            ]
+    middle, key = _middle(results, axes), _key(results, design)
+    learned = {name: Learned(_surrogate(results.of(name), design, axes), axes, middle) for name in results.alternatives}
+    facts = {name: f"{name} {_fact(each.surrogate, len(axes))}" for name, each in learned.items()}
     if len(axes) == 2:
-        text = f"{'; '.join(facts.values())}. {_key(results, design)}"
-        yield Figure("boundary", "Boundary", text, [panel for some in panels.values() for panel in some])
+        across, up = axes
+        panels = [_map(name, each, across, up, results.of(name)) for name, each in learned.items()]
+        yield Figure("boundary", "Boundary", f"{'; '.join(facts.values())}. {key}", panels)
         return
-    where = listed([_told(path, axes[path].quantile(s)) for path, s in zip(names, _middle(results, axes), strict=True)])
-    for place, (alternative, some) in enumerate(panels.items()):
-        text = f"{facts[alternative]}. Slices through {where}. {_key(results, design)}"
-        yield Figure(f"boundary-{place}", f"Boundary of {alternative}", text, some)
+    where = listed([_told(path, axis.quantile(s)) for (path, axis), s in zip(axes.items(), middle, strict=True)])
+    for place, (name, each) in enumerate(learned.items()):
+        panels = [_map(f"{up} over {across}", each, across, up) for across, up in combinations(axes, 2)]
+        text = f"{facts[name]}. Slices through {where}. {key}"
+        yield Figure(f"boundary-{place}", f"Boundary of {name}", text, panels)
 
 
-def _learned(mine: Results, design: Boundary, axes: Mapping[str, Axis]) -> Surrogate:
+def _surrogate(mine: Results, design: Boundary, axes: Mapping[str, Axis]) -> Surrogate:
     """The function that the flights of one alternative tell."""
     score = mine.study.score
     columns = {name: mine[name].tolist() for name in ("outcome", "asked", score, *axes)}
@@ -107,18 +107,11 @@ def _told(path: str, value: float) -> str:
     return f"{path} {number(value * scale.factor)} {scale.unit}".rstrip()
 
 
-def _map(
-    title: str,
-    surrogate: Surrogate,
-    flown: Results | None,
-    axes: Mapping[str, Axis],
-    across: str,
-    up: str,
-    middle: list[float] | None = None,
-) -> Panel:
-    """The probability of failing over two axes, the others at their middle, with the flights on it."""
+def _map(title: str, learned: Learned, across: str, up: str, flown: Results | None = None) -> Panel:
+    """The probability of failing over two axes, the others at their middle, with flights on it."""
+    surrogate, axes, middle = learned
     names, shares = list(axes), np.linspace(0.0, 1.0, CELLS)
-    places = np.tile(middle or [0.5] * len(axes), (CELLS * CELLS, 1))
+    places = np.tile(middle, (CELLS * CELLS, 1))
     places[:, names.index(across)] = np.tile(shares, CELLS)
     places[:, names.index(up)] = np.repeat(shares, CELLS)
     chance = surrogate.above(places).reshape(CELLS, CELLS)
@@ -135,7 +128,7 @@ def _points(flown: Results, across: str, up: str, x_factor: float, y_factor: flo
     """The flights, those that failed in another colour."""
     design = flown.study.design
     assert isinstance(design, Boundary)
-    above: Array = flown.penalised > design.limit
+    above = flown.penalised > design.limit
     for label, mask, color in (("kept the limit", ~above, 5), ("failed", above, 1)):
         mine = flown.where(mask)
         commands = [mine.command(i) for i in range(len(mine))]
