@@ -33,13 +33,12 @@ class Learned(NamedTuple):
 
 def boundary(results: Results) -> Iterator[Figure]:
     """Yield one figure for all alternatives over two axes; one for each alternative over more."""
-    design = results.study.design
-    if not isinstance(design, Boundary) or len(results.axes) < 2:
+    learned = _learned(results)
+    if not learned:
         return
-    axes = {path: axis_of(path, written) for path, written in results.study.axes.items() if path in results.axes}
-    middle, key = _middle(results, axes), _key(results, design)
-    learned = {name: Learned(_surrogate(results.of(name), design, axes), axes, middle) for name in results.alternatives}
-    facts = {name: f"{name} {_fact(each.surrogate, len(axes))}" for name, each in learned.items()}
+    key = _key(results)
+    axes, middle = next(iter(learned.values()))[1:]
+    facts = {name: f"{name} {_fact(each)}" for name, each in learned.items()}
     if len(axes) == 2:
         across, up = axes
         panels = [_map(name, each, across, up, results.of(name)) for name, each in learned.items()]
@@ -50,6 +49,22 @@ def boundary(results: Results) -> Iterator[Figure]:
         panels = [_map(f"{up} over {across}", each, across, up) for across, up in combinations(axes, 2)]
         text = f"{facts[name]}. Slices through {where}. {key}"
         yield Figure(f"boundary-{place}", f"Boundary of {name}", text, panels)
+
+
+def told_boundary(results: Results) -> Iterator[str]:
+    """The same in a line for each alternative, for a terminal."""
+    for name, each in _learned(results).items():
+        yield f"{name} {_fact(each)}"
+
+
+def _learned(results: Results) -> dict[str, Learned]:
+    """What each alternative's flights tell; empty for another design."""
+    design = results.study.design
+    if not isinstance(design, Boundary) or results.invalid or len(results.axes) < 2:
+        return {}
+    axes = {path: axis_of(path, written) for path, written in results.study.axes.items() if path in results.axes}
+    middle = _middle(results, axes)
+    return {name: Learned(_surrogate(results.of(name), design, axes), axes, middle) for name in results.alternatives}
 
 
 def _surrogate(mine: Results, design: Boundary, axes: Mapping[str, Axis]) -> Surrogate:
@@ -64,9 +79,10 @@ def _surrogate(mine: Results, design: Boundary, axes: Mapping[str, Axis]) -> Sur
     return fitted(places, response(scores, design.limit, design.first))
 
 
-def _fact(surrogate: Surrogate, axes: int) -> str:
-    share = share_above(surrogate, axes)
-    chance = surrogate.above(spread_places(axes, CANDIDATES_LOG2, 0))
+def _fact(learned: Learned) -> str:
+    axes = len(learned.axes)
+    share = share_above(learned.surrogate, axes)
+    chance = learned.surrogate.above(spread_places(axes, CANDIDATES_LOG2, 0))
     open_ = float(np.mean((chance > SURE[0]) & (chance < SURE[1])))
     return f"fails on {_percent(share)} of the ranges, and on {100 * open_:.2g} % it is uncertain whether it does"
 
@@ -75,7 +91,9 @@ def _percent(share: Interval) -> str:
     return f"{100 * share.value:.3g} % [{100 * share.low:.3g}, {100 * share.high:.3g}]"
 
 
-def _key(results: Results, design: Boundary) -> str:
+def _key(results: Results) -> str:
+    design = results.study.design
+    assert isinstance(design, Boundary)
     scale = metric(results.study.score)
     limit = f"{number(design.limit * scale.factor)} {scale.unit}".strip()
     half = "" if results.seeds == 1 else " in half of the flights"

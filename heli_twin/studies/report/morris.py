@@ -18,23 +18,39 @@ def morris(results: Results) -> Iterator[Figure]:
     if "moved" not in results:
         return
     scale, paths = metric(results.study.score), list(results.axes)
-    panels, sentences = [], []
-    for alternative in results.alternatives:
-        effects = elementary_effects(results.of(alternative), paths)
-        if not np.isfinite(effects).all():
-            sentences.append(f"{alternative}: points are missing, run the study to its end")
-            continue
-        found = screening(effects * scale.factor)
-        label = f"effect on the {scale.label}"
-        panels.append(Panel(alternative, label, "", [_dots("mu*: mean size", found.mu_star, paths, 0),
-                                                     _dots("sigma: scatter", found.sigma, paths, 1)]))  # fmt: skip
-        sentences.append(f"{alternative}: {_ranked(found, paths, scale.unit)}")
+    panels = [
+        Panel(
+            alternative,
+            f"effect on the {scale.label}",
+            "",
+            [_dots("mu*: mean size", found.mu_star, paths, 0), _dots("sigma: scatter", found.sigma, paths, 1)],
+        )
+        for alternative, found in _screened(results).items()
+        if found is not None
+    ]
     text = (
-        f"{'; '.join(sentences)}{results.one_seed}. Changes of the score, failures penalised, with intervals over the"
-        " trajectories; a sigma as great as mu* means that the effect depends on the place: it is curved, or another"
-        f" axis changes it. {INDEPENDENT_SENTENCE}"
+        f"{'; '.join(told_morris(results))}{results.one_seed}. Changes of the score, failures penalised, with intervals"
+        " over the trajectories; a sigma as great as mu* means that the effect depends on the place: it is curved, or"
+        f" another axis changes it. {INDEPENDENT_SENTENCE}"
     )
     yield Figure("morris", "Morris screening", text, panels, same_x=True)
+
+
+def told_morris(results: Results) -> Iterator[str]:
+    """The order of the axes in a line for each alternative."""
+    if "moved" not in results:
+        return
+    unit, paths = metric(results.study.score).unit, list(results.axes)
+    for alternative, found in _screened(results).items():
+        told = "points are missing, run the study to its end" if found is None else _ranked(found, paths, unit)
+        yield f"{alternative}: {told}"
+
+
+def _screened(results: Results) -> dict[str, Screening | None]:
+    """Each alternative's measures, in the shown unit; None where flights are missing."""
+    factor, paths = metric(results.study.score).factor, list(results.axes)
+    effects = {name: elementary_effects(results.of(name), paths) for name in results.alternatives}
+    return {name: screening(each * factor) if np.isfinite(each).all() else None for name, each in effects.items()}
 
 
 def elementary_effects(mine: Results, paths: list[str]) -> Array:
