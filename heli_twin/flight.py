@@ -124,10 +124,9 @@ class Flight:
             trajectory: The plan.
             samples: How many are made at once.
         """
-        e = self.experiment
-        self.preview = preview_of(e.controller, trajectory, self.period, self.lead, samples)
-        # The flight may end between two control steps.
-        self.planned = ReferencePreview(trajectory, e.controller.model, self.step, 0, samples=samples)
+        self.trajectory = trajectory
+        self.preview = preview_of(self.experiment.controller, trajectory, self.period, self.lead, samples)
+        self.planned = ReferencePreview(trajectory, self.model, self.period, 0, samples=samples)
 
     def advance(self, until: int) -> Outcome | None:
         """Fly on to a physics step `until`, ns; what is due then is left to the next call.
@@ -257,7 +256,11 @@ class Flight:
 
     def show(self, t: int, truth: Truth) -> Reference:
         """Record where the helicopter is and where it should be."""
-        planned = self.planned(t, 1)
+        of_now = self.planned
+        if t % self.period:
+            # A flight may end between two control steps.
+            of_now = ReferencePreview(self.trajectory, self.model, self.period, t, samples=0)
+        planned = of_now(t, 1)
         self.recorder.reference(t, planned)
         self.recorder.truth(t, truth)
         return planned

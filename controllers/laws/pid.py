@@ -1,7 +1,8 @@
 """The paper's baseline: one PID controller per axis."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import cos, sin
+from math import cos, isfinite, sin
 from typing import Annotated, Literal
 
 import numpy as np
@@ -10,7 +11,10 @@ from annotated_types import Ge, Le, Unit, doc
 from controllers.fallback import safe_hover
 from controllers.model import Model
 from controllers.rotations import wrap_angle
-from controllers.signals import Array, Command, Estimate, Reference
+from controllers.signals import Command, Estimate, Reference
+
+Four = tuple[float, float, float, float]
+"""x y z yaw."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,40 +71,52 @@ class PidController:
 
     def __init__(self, spec: Pid) -> None:
         self._spec = spec
-        self._p = np.array([spec.p_x, spec.p_y, spec.p_z, spec.p_yaw])
-        self._i = np.array([spec.i_x, spec.i_y, spec.i_z, spec.i_yaw])
-        self._d = np.array([spec.d_x, spec.d_y, spec.d_z, spec.d_yaw])
-        self._low, self._high = np.array(spec.model.u_min), np.array(spec.model.u_max)
-        self._hover = np.array(spec.model.u_hover)
-        self._integral = np.zeros(4)
+        # Proportional, integral and derivative gain and limits of each axis.
+        p = (spec.p_x, spec.p_y, spec.p_z, spec.p_yaw)
+        i = (spec.i_x, spec.i_y, spec.i_z, spec.i_yaw)
+        d = (spec.d_x, spec.d_y, spec.d_z, spec.d_yaw)
+        self._axes = [*zip(p, i, d, spec.model.u_min, spec.model.u_max, strict=True)]
+        self._integral = (0.0, 0.0, 0.0, 0.0)
         """World, m s and rad s."""
 
     def step(self, now: int, estimate: Estimate, reference: Reference) -> Command:
-        """Return the inputs for the current errors, clipped to the input limits."""
-        x, x_ref = estimate.x, reference.x[0]
-        if not np.isfinite(x).all():
-            return safe_hover(self._spec.model, now)
-        error = _rotated(x_ref[:4] - x[:4], -x[3])
-        error[3] = wrap_angle(error[3])
-        u, velocity_error = self._hover, -x[4:]
-        if self._spec.feed_forward == "flat" or self._spec.derivative == "error":
+        """Return the inputs for the current errors, clipped to the input limits.
+
+        On Python floats, since NumPy takes three times as long for four.
+        """
+        spec, state = self._spec, estimate.x.tolist()
+        if not all(map(isfinite, state)):
+            return safe_hover(spec.model, now)
+        x, y, z, yaw, *velocity = state
+        x_ref, y_ref, z_ref, yaw_ref, *velocity_ref = reference.x[0].tolist()
+        error = _rotated((x_ref - x, y_ref - y, z_ref - z, yaw_ref - yaw), -yaw)
+        error = (*error[:3], wrap_angle(error[3]))
+        feed_forward, wanted = spec.model.u_hover, [0.0, 0.0, 0.0, 0.0]
+        if spec.feed_forward == "flat" or spec.derivative == "error":
             # The planned velocity in the body frame of the estimated yaw, not of the planned yaw.
-            velocity_error = _rotated(x_ref[4:], x_ref[3] - x[3]) - x[4:]
-        if self._spec.feed_forward == "flat":
-            u = reference.u[0]
-        integral = _rotated(self._integral, -x[3])
-        u = u + self._p * error + self._i * integral + self._d * velocity_error
-        # At a limit, an integral may only change in the direction that leaves the limit.
-        stuck = ((u >= self._high) & (error > 0.0)) | ((u <= self._low) & (error < 0.0))
-        self._integral += _rotated(np.where(stuck, 0.0, self._spec.period * error), x[3])
-        return Command(now, np.clip(u, self._low, self._high))
+            wanted = _rotated(velocity_ref, yaw_ref - yaw)
+        if spec.feed_forward == "flat":
+            feed_forward = reference.u[0].tolist()
+        u: list[float] = []
+        growth: list[float] = []
+        integral = _rotated(self._integral, -yaw)
+        columns = zip(self._axes, feed_forward, error, integral, wanted, velocity, strict=True)
+        for (p, i, d, low, high), planned, e, sum_of_e, v_ref, v in columns:
+            value = planned + p * e + i * sum_of_e + d * (v_ref - v)
+            # At a limit, an integral may only change in the direction that leaves the limit.
+            stuck = (value >= high and e > 0.0) or (value <= low and e < 0.0)
+            growth.append(0.0 if stuck else spec.period * e)
+            u.append(min(max(value, low), high))
+        grown = zip(self._integral, _rotated(growth, yaw), strict=True)
+        self._integral = (*[before + more for before, more in grown],)
+        return Command(now, np.array(u))
 
     def explain(self, command: Command) -> Command:
         """Return the command unchanged: a PID has no plan."""
         return command
 
 
-def _rotated(v: Array, angle: float) -> Array:
-    """Rotate a vector x y z yaw about the vertical axis by an angle, rad; faster than `rotate_to_world`."""
+def _rotated(v: Sequence[float], angle: float) -> Four:
+    """Rotate a vector x y z yaw about the vertical axis by an angle, rad."""
     c, s = cos(angle), sin(angle)
-    return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2], v[3]])
+    return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2], v[3])
