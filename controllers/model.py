@@ -106,7 +106,7 @@ def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push
 
     Returns:
         A function of the initial state, the inputs (one a step) and a constant push, which returns the state
-        after each step.
+        after each step: to the last digit what a call for each step gives.
     """
     half, sixth, square = 0.5 * dt, dt / 6.0, 0.5 * dt * dt
     gain, turn = _yaw_response(model.k_yaw, dt)
@@ -120,7 +120,6 @@ def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push
         ax, ay, a_z, a_yaw = push
         a_z -= GRAVITY
         c, s = cos(yaw), sin(yaw)
-        wx, wy = c * vx - s * vy, s * vx + c * vy
         states: list[State] = []
         for u_x, u_y, u_z, u_yaw in inputs:
             rate = b_yaw * u_yaw + a_yaw + k * r
@@ -131,6 +130,7 @@ def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push
             # In the world frame the horizontal acceleration is g + K w: velocity w, push and rotated input g, and
             # the rotated drag K, a symmetric matrix. Evaluated at the start, the middle and the end of the step.
             cm, sm = cos(yaw_mid), sin(yaw_mid)
+            wx, wy = c * vx - s * vy, s * vx + c * vy
             bx, by = fx + k_x * vx, fy + k_y * vy
             x1, y1 = c * bx - s * by + ax, s * bx + c * by + ay
             gx, gy = cm * fx - sm * fy + ax, sm * fx + cm * fy + ay
@@ -146,11 +146,11 @@ def simulator(model: Model, dt: float) -> Callable[[State, Sequence[Input], Push
             bx, by = fx + k_x * (c * mx + s * my), fy + k_y * (c * my - s * mx)
             x4, y4 = c * bx - s * by + ax, s * bx + c * by + ay
             x23, y23 = x2 + x3, y2 + y3
+            ex, ey = wx + sixth * (x1 + x23 + x23 + x4), wy + sixth * (y1 + y23 + y23 + y4)
             px += dt * (wx + sixth * (x1 + x23))
             py += dt * (wy + sixth * (y1 + y23))
-            wx, wy = wx + sixth * (x1 + x23 + x23 + x4), wy + sixth * (y1 + y23 + y23 + y4)
             pz += dt * vz + square * az
-            vx, vy, vz, r = c * wx + s * wy, c * wy - s * wx, vz + dt * az, r + rate * gain
+            vx, vy, vz, r = c * ex + s * ey, c * ey - s * ex, vz + dt * az, r + rate * gain
             states.append((px, py, pz, yaw, vx, vy, vz, r))
         return states
 

@@ -1,7 +1,7 @@
 """The paper's model as a plant: it flies exactly as the controller believes, unless the two parameter sets differ."""
 
 from dataclasses import dataclass, field, replace
-from math import cos, sin
+from math import cos, isfinite, sin
 from typing import Annotated, Literal
 
 import numpy as np
@@ -88,20 +88,24 @@ class IdealHelicopter:
         if off_grid or target < self._steps:
             now = self._steps * self._spec.step_ns
             raise ValueError(f"until = {until} ns has to be {now} ns plus whole steps of {self._spec.step_ns} ns")
-        if not np.isfinite(u).all():
+        asked = u.tolist()
+        if not all(map(isfinite, asked)):
             raise ValueError(f"the input is not finite: {u}")
         if target == self._steps:
             return
-        ux, uy, uz, uyaw = np.clip(u, (-1.0, -1.0, 0.0, -1.0), 1.0).tolist()
+        ux, uy, uz, uyaw = (min(max(stick, low), 1.0) for stick, low in zip(asked, _LOWEST, strict=True))
         self._u = (ux, uy, uz, uyaw)
         wx, wy, _ = air.wind.tolist()
         ax, ay, az = air.acceleration.tolist()
         driven, push = (ux, uy, uz * air.thrust_factor, uyaw), (ax, ay, az, 0.0)
-        simulate = self._simulate if self.gyro_works else self._simulate_undamped
-        for _ in range(target - self._steps):
-            (moved,) = simulate(_seen_from(self._x, wx, wy), (driven,), push)
-            px, py, pz, yaw, vx, vy, vz, r = _seen_from(moved, -wx, -wy)
-            self._x = (px + wx * self._spec.step, py + wy * self._spec.step, pz, yaw, vx, vy, vz, r)
+        simulate, steps = self._simulate if self.gyro_works else self._simulate_undamped, target - self._steps
+        if wx or wy:
+            for _ in range(steps):
+                (moved,) = simulate(_seen_from(self._x, wx, wy), (driven,), push)
+                px, py, pz, yaw, vx, vy, vz, r = _seen_from(moved, -wx, -wy)
+                self._x = (px + wx * self._spec.step, py + wy * self._spec.step, pz, yaw, vx, vy, vz, r)
+        else:
+            self._x = simulate(self._x, (driven,) * steps, push)[-1]
         self._steps = target
 
     def battery(self) -> None:
@@ -112,13 +116,15 @@ class IdealHelicopter:
         return ""
 
 
+_LOWEST = (-1.0, -1.0, 0.0, -1.0)
+"""Travel of the sticks; its upper end is 1."""
+
+
 def _seen_from(x: State, wx: float, wy: float) -> State:
     """The state with velocities relative to air that moves with (wx, wy) in the world, m/s.
 
     Drag in (1) acts on them, and steady wind is as good a frame as the room. Height has no drag in (1), and no wind.
     """
-    if not (wx or wy):
-        return x
     px, py, pz, yaw, vx, vy, vz, r = x
     c, s = cos(yaw), sin(yaw)
     return (px, py, pz, yaw, vx - c * wx - s * wy, vy + s * wx - c * wy, vz, r)

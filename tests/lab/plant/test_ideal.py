@@ -43,9 +43,9 @@ def test_a_control_period_is_the_model_s_prediction(u):
     np.testing.assert_allclose(physical_state(plant.truth()), advance(Model(), tuple(X), tuple(u), 0.02), atol=1e-8)
 
 
-@given(inputs, st.lists(st.integers(0, 60), min_size=1, max_size=5))
-def test_a_flight_in_pieces_is_the_flight_at_once(u, stops):
-    air = Air(np.array([0.4, -0.3, 0.2]), np.array([0.1, 0.05, 0.0]), 0.97)
+@given(inputs, st.lists(st.integers(0, 60), min_size=1, max_size=5), st.sampled_from([0.0, 1.0]))
+def test_a_flight_in_pieces_is_the_flight_at_once(u, stops, blows):
+    air = Air(blows * np.array([0.4, -0.3, 0.2]), np.array([0.1, 0.05, 0.0]), 0.97)
     once, pieces = Ideal().start(X), Ideal().start(X)
     once.advance(60 * MS, u, air)
     for ms in [*sorted(stops), 60]:
