@@ -57,6 +57,64 @@ class Windage(NamedTuple):
     """(w, bins) poses in each bin."""
 
 
+class _Filter:
+    """The Kalman filter along all windows, for several columns of rows that share the covariance.
+
+    Args:
+        air: The responses.
+        eta: (9,) logarithms of `COMPONENTS`.
+        columns: Of the rows.
+    """
+
+    def __init__(self, air: Windage, eta: Array, columns: int) -> None:
+        s, w = np.exp(2.0 * eta), len(air.frames)
+        self._air, self._white = air, np.array([s[4], s[4], s[4], s[8], s[5], s[5]])
+        self._transition, self._seen = np.zeros((w, N, N)), np.zeros((w, 6, N))
+        self._transition[:, WIND, WIND] = np.exp(-BIN_S / np.exp(eta[1])) * np.eye(2)
+        self._transition[:, SLOW, SLOW] = np.exp(-BIN_S / SLOW_TIME_S) * np.eye(3)
+        self._chance, begin = _chance(eta)
+        self._covariance = np.broadcast_to(np.diag(begin), (w, N, N))
+        self._state = np.zeros((w, N, columns))
+
+    def _poses(self, k: int) -> Array:
+        """The pose (w, 6, N) of a bin by the state."""
+        t = self._air.transitions
+        self._seen[:, :, :12], self._seen[:, :, WIND] = t.pose[:, k], t.pose_by_wind[:, k]
+        self._seen[:, :, SLOW] = np.eye(6, 3)
+        return self._seen
+
+    def learn(self, k: int, rows: Array) -> tuple[Array, Array]:
+        """Take the rows (w, 6, c) of a bin; return them whitened, and the roots (w, 6, 6) of their covariance."""
+        is_seen = self._air.frames[:, k] > 0
+        seen = self._poses(k)
+        seen *= is_seen[:, None, None]
+        noise = np.where(is_seen[:, None], self._white / np.maximum(self._air.frames[:, k], 1.0)[:, None], np.ones(6))
+        at_poses = seen @ self._covariance
+        innovation = at_poses @ seen.transpose(0, 2, 1)
+        innovation[:, range(6), range(6)] += noise
+        root = np.linalg.cholesky(innovation)
+        # Many small systems: the inverse takes an eighth of the time of a solution.
+        inverse = np.linalg.inv(root)
+        white, gain = inverse @ (rows - seen @ self._state), inverse @ at_poses
+        back = gain.transpose(0, 2, 1)
+        self._state = self._state + back @ white
+        self._covariance = self._covariance - back @ gain
+        return white, root
+
+    def foresee(self, k: int) -> tuple[Array, Array]:
+        """Return the rows (w, 6, c) to be expected in a bin, and the variance (w, 6) of a pose about them."""
+        seen = self._poses(k)
+        variance = np.einsum("wij,wjk,wik->wi", seen, self._covariance, seen, optimize=True)
+        return seen @ self._state, variance + self._white / np.maximum(self._air.frames[:, k], 1.0)[:, None]
+
+    def advance(self, k: int) -> None:
+        """Go on from a bin to the next."""
+        t, transition = self._air.transitions, self._transition
+        transition[:, :12, :12], transition[:, :12, WIND] = t.state[:, k], t.state_by_wind[:, k]
+        self._state = transition @ self._state
+        self._covariance = transition @ self._covariance @ transition.transpose(0, 2, 1) + self._chance
+
+
 def whiten(air: Windage, eta: Array, rows: Array) -> tuple[Array, Array]:
     """Make residuals and derivatives independent of those before them.
 
@@ -68,34 +126,36 @@ def whiten(air: Windage, eta: Array, rows: Array) -> tuple[Array, Array]:
     Returns:
         The rows, whitened, and the roots (w, bins, 6, 6) of the innovations' covariances.
     """
-    s, t = np.exp(2.0 * eta), air.transitions
     w, bins, _, c = rows.shape
-    transition, seen = np.zeros((w, N, N)), np.zeros((w, 6, N))
-    transition[:, WIND, WIND] = np.exp(-BIN_S / np.exp(eta[1])) * np.eye(2)
-    transition[:, SLOW, SLOW] = np.exp(-BIN_S / SLOW_TIME_S) * np.eye(3)
-    chance, begin = _chance(eta)
-    covariance = np.broadcast_to(np.diag(begin), (w, N, N)).copy()
-    state, out, roots = np.zeros((w, N, c)), np.zeros_like(rows), np.zeros((w, bins, 6, 6))
-    white = np.array([s[4], s[4], s[4], s[8], s[5], s[5]])
+    filtered, out, roots = _Filter(air, eta, c), np.empty_like(rows), np.empty((w, bins, 6, 6))
     for k in range(bins):
-        is_seen = air.frames[:, k] > 0
-        seen[:, :, :12], seen[:, :, WIND] = t.pose[:, k], t.pose_by_wind[:, k]
-        seen[:, :3, SLOW] = np.eye(3)
-        seen *= is_seen[:, None, None]
-        noise = np.where(is_seen[:, None], white / np.maximum(air.frames[:, k], 1.0)[:, None], 1.0)
-        at_poses = seen @ covariance
-        innovation = at_poses @ seen.transpose(0, 2, 1)
-        innovation[:, range(6), range(6)] += noise
-        roots[:, k] = np.linalg.cholesky(innovation)
-        # Many small systems: the inverse takes an eighth of the time of a solution.
-        inverse = np.linalg.inv(roots[:, k])
-        out[:, k], gain = inverse @ (rows[:, k] - seen @ state), inverse @ at_poses
-        transition[:, :12, :12], transition[:, :12, WIND] = t.state[:, k], t.state_by_wind[:, k]
-        back = gain.transpose(0, 2, 1)
-        state = transition @ (state + back @ out[:, k])
-        covariance = transition @ (covariance - back @ gain) @ transition.transpose(0, 2, 1) + chance
-        seen[:, :, SLOW] = 0.0
+        out[:, k], roots[:, k] = filtered.learn(k, rows[:, k])
+        filtered.advance(k)
     return out, roots
+
+
+class Foreseen(NamedTuple):
+    """What the first bins of each window say of the others."""
+
+    past: Array
+    """(w, history, 6, c) rows of the first bins, whitened."""
+    mean: Array
+    """(w, bins - history, 6, c) rows to be expected in the others."""
+    variance: Array
+    """(w, bins - history, 6) of a pose about them."""
+
+
+def foresee(air: Windage, eta: Array, rows: Array, history: int) -> Foreseen:
+    """Return what chance does next, after the first `history` bins; arguments as in `whiten`."""
+    filtered, past = _Filter(air, eta, rows.shape[-1]), np.empty_like(rows[:, :history])
+    mean, variance = np.empty_like(rows[:, history:]), np.empty_like(rows[:, history:, :, 0])
+    for k in range(rows.shape[1]):
+        if k < history:
+            past[:, k], _ = filtered.learn(k, rows[:, k])
+        else:
+            mean[:, k - history], variance[:, k - history] = filtered.foresee(k)
+        filtered.advance(k)
+    return Foreseen(past, mean, variance)
 
 
 def _chance(eta: Array) -> tuple[Array, Array]:

@@ -227,6 +227,7 @@ def _details(p: dict[str, float], noises: dict[str, float]) -> dict[str, float]:
         "yaw_lag": p["yaw_lag"],
         # By tilting: the moment of the drag at the hubs against the moment that holds the attitude.
         "hub_drag": max(GRAVITY * p["hub_drag_per_iyy"] / frequency**2, 0.0),
+        "servo_play": min(max(p["servo_backlash"], 0.0), 0.5),
         "gust_strength": noises["gust_strength"],
         "gust_time": noises["gust_time"],
     }

@@ -3,27 +3,24 @@
     y = h(theta, x0) + e,   e ~ N(0, C)
 
 x0, the state at the begin of the second, is fitted to it; the prediction is the mean of y under the condition of the
-poses seen so far, as a Kalman filter would predict: what is known of the wind fades with the gust's time. C says how
-large the error of a right twin is.
+poses seen so far, by the Kalman filter of the calibration: what is known of the wind fades with the gust's time. The
+filter also says how large the error of a right twin is.
 
-Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), (2.41) and (2.42).
+Source: Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), chapter 3.2 and 3.4.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from controllers.signals import Array
+from heli_twin.calibration import noise
 from heli_twin.calibration.data import BIN_STEPS, STEP_S, Cut, Flight
 from heli_twin.calibration.fit import Fit, fit
 from heli_twin.calibration.frames import framed, timed
 from heli_twin.calibration.parameters import INDEX
 from heli_twin.calibration.problem import FIXED, N_LOG, Problem, State
-from heli_twin.validation.covariance import PLANE, weighted, windage
-from heli_twin.validation.covariance import blocks as in_blocks
 from heli_twin.validation.twins import Twin
 
 BIN_S = BIN_STEPS * STEP_S
@@ -91,107 +88,42 @@ def forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
 def _forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
     problem = Problem([pieces], twin.lab, twin.theta, np.full(len(twin.theta), HELD))
     state = State(twin.theta, held.state.nuisance, problem.start.copy(), twin.eta, held.state.framed, held.state.servo)
-    predicted, _, by_start = problem.linearise(state)
-    windows = list(_windows(problem, twin, by_start))
+    predicted, _, first = problem.linearise(state)
+    air = problem.windage(state)
     # The start is nearly linear in the poses: one step to it here, and the rest in the mean.
-    residual = problem.residual(predicted)
-    steps = [window.start(r) for window, r in zip(windows, residual, strict=True)]
-    predicted = problem.predict(state._replace(start=state.start + np.stack(steps)))
-    residual = problem.residual(predicted)
-    mean = np.stack([window.future(r) for window, r in zip(windows, residual, strict=True)])
+    step = _expected(air, twin.eta, first, problem.residual(predicted)).step
+    predicted = problem.predict(state._replace(start=state.start + step))
+    expected = _expected(air, twin.eta, first, problem.residual(predicted))
     ahead, seen = slice(HISTORY_BINS, None), problem.present[..., None]
     return Forecast(
         np.asarray(pieces.origin + STEP_S * pieces.windows.first + HISTORY_BINS * BIN_S, np.float64),
         np.where(seen, problem.y, np.nan)[:, ahead],
-        np.where(seen, predicted, np.nan)[:, ahead] + mean,
-        np.sqrt([window.variance() for window in windows]),
-        np.where(seen, predicted, np.nan)[:, HISTORY_BINS] + mean[:, 0],
+        np.where(seen, predicted, np.nan)[:, ahead] + expected.future,
+        np.sqrt(expected.variance),
+        np.where(seen, predicted, np.nan)[:, HISTORY_BINS] + expected.future[:, 0],
     )
 
 
-class _Block(NamedTuple):
-    """The channels of one window whose errors are correlated."""
+class _Expected(NamedTuple):
+    """What the history of each window says."""
 
-    channels: tuple[int, ...]
-    weighed: Array
-    """(12, h) from the history's residual to the vector of the normal equations of the start."""
-    cross: Array
-    """(f, h) from the history's residual to the expected one of the future, with the start as it is."""
-    by_start: Array
-    """(f, 12) derivative of the expected future by the start."""
+    step: Array
+    """(w, 12) of the start."""
+    future: Array
+    """(w, HORIZON_BINS, 6) residual, after that step."""
     variance: Array
-    """(f,) of the future with the start known."""
+    """(w, HORIZON_BINS, 6) of the error of a right twin."""
 
 
-class _Window(NamedTuple):
-    """One window: what its history says is linear in its residual (bins, 6), 0 where there is no pose."""
-
-    blocks: list[_Block]
-    covariance: Array
-    """(12, 12) of the start."""
-
-    def start(self, residual: Array) -> Array:
-        """Return the step (12,) of the start."""
-        return self.covariance @ sum(b.weighed @ _history(residual, b.channels) for b in self.blocks)
-
-    def future(self, residual: Array) -> Array:
-        """Return the expected residual (HORIZON_BINS, 6), after a step of the start."""
-        step, out = self.start(residual), np.empty((HORIZON_BINS, 6))
-        for b in self.blocks:
-            ahead = b.by_start @ step - b.cross @ _history(residual, b.channels)
-            out[:, b.channels] = ahead.reshape(len(b.channels), HORIZON_BINS).T
-        return out
-
-    def variance(self) -> Array:
-        """Return the variance (HORIZON_BINS, 6) of the error of a right twin."""
-        out = np.empty((HORIZON_BINS, 6))
-        for b in self.blocks:
-            by_start = np.einsum("fi,ij,fj->f", b.by_start, self.covariance, b.by_start)
-            out[:, b.channels] = (b.variance + by_start).reshape(len(b.channels), HORIZON_BINS).T
-        return out
-
-
-def _history(residual: Array, channels: tuple[int, ...]) -> Array:
-    return residual[:HISTORY_BINS, channels].T.ravel()
-
-
-def _windows(problem: Problem, twin: Twin, by_start: Array) -> Iterator[_Window]:
-    """Yield each window, from the derivatives (w, bins, 6, 12) of its poses by its start."""
-    yaw = np.stack([_filled(y[:, 3], seen) for y, seen in zip(problem.y, problem.present, strict=True)])
-    for weights in weighted(windage(twin.theta, yaw, problem.frames), twin.eta):
-        blocks = in_blocks(weights, by_start)
-        for i in range(len(weights.log_det)):
-            information, each = 1e-9 * np.eye(by_start.shape[-1]), list[_Block]()
-            for name, channels in CHANNELS_OF.items():
-                inverse, rows = (a[i] for a in blocks[name])
-                block, of_block = _block(channels, inverse, rows)
-                information += of_block
-                each.append(block)
-            yield _Window(each, np.asarray(np.linalg.inv(information), np.float64))
-
-
-def _filled(values: Array, seen: NDArray[np.bool_]) -> Array:
-    """Values (n,) with straight lines where they are not seen."""
-    i = np.arange(len(values))
-    return np.interp(i, i[seen], values[seen])
-
-
-CHANNELS_OF: dict[str, tuple[int, ...]] = {"plane": PLANE, "z": (2,), "yaw": (3,)}
-"""Channels of each block of `in_blocks`."""
-
-
-def _block(channels: tuple[int, ...], inverse: Array, by_start: Array) -> tuple[_Block, Array]:
-    """Return a block, and the information (12, 12) of its history on the start.
-
-    Args:
-        channels: Of the block.
-        inverse: (n, n) inverse covariance of history and future, channel by channel.
-        by_start: (n, 12) derivative by the start.
-    """
-    past = np.tile(np.arange(HISTORY_BINS + HORIZON_BINS) < HISTORY_BINS, len(channels))
-    future = np.linalg.inv(inverse[np.ix_(~past, ~past)])
-    cross = future @ inverse[np.ix_(~past, past)]
-    history = inverse[np.ix_(past, past)] - inverse[np.ix_(past, ~past)] @ cross
-    weighed = by_start[past].T @ history
-    ahead = by_start[~past] + cross @ by_start[past]
-    return _Block(channels, weighed, cross, ahead, np.asarray(np.diag(future), np.float64)), weighed @ by_start[past]
+def _expected(air: noise.Windage, eta: Array, first: Array, residual: Array) -> _Expected:
+    """Return what the history says, from derivatives (w, bins, 6, 12) by the start and residuals (w, bins, 6)."""
+    n = first.shape[-1]
+    seen = noise.foresee(air, eta, np.concatenate([first, residual[..., None]], axis=-1), HISTORY_BINS)
+    past = seen.past.reshape(len(first), -1, n + 1)
+    gram = past.transpose(0, 2, 1) @ past
+    covariance = np.linalg.inv(gram[:, :n, :n] + 1e-9 * np.eye(n))
+    step = np.einsum("wij,wj->wi", covariance, gram[:, :n, n])
+    by_start = first[:, HISTORY_BINS:] - seen.mean[..., :n]
+    future = seen.mean[..., n] + np.einsum("wkci,wi->wkc", by_start, step)
+    of_start = np.einsum("wkci,wij,wkcj->wkc", by_start, covariance, by_start, optimize=True)
+    return _Expected(step, future, seen.variance + of_start)

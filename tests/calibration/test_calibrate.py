@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from controllers.detailed_model import DetailedModel
+from controllers.model import GRAVITY
 from heli_twin.calibration.calibrate import EFFECTS, calibrate, flights_of
 from heli_twin.calibration.coverage import covered
-from heli_twin.calibration.output import as_toml, draws, ensemble, posterior, twin_of
+from heli_twin.calibration.noise import COMPONENTS
+from heli_twin.calibration.output import _details, as_toml, draws, ensemble, posterior, twin_of
 from heli_twin.calibration.parameters import NAMES, of_experiment
 from heli_twin.experiment.envelope import envelope_in
 from heli_twin.experiment.text import load
@@ -129,6 +132,14 @@ def test_the_ensemble_is_a_study_of_what_the_flights_leave_open(calibrated, tmp_
     path.write_text(ensemble(calibrated, 3))
     assert len(plan_of(load_study(str(path))).space.alternatives) == 3
     assert plan_of(study_of({"axes": {"plant": {"ensemble": str(path)}}})).count() == 3
+
+
+def test_a_detailed_law_believes_in_the_play_and_the_hubs_drag():
+    believed = of_experiment(load("lab"))
+    details = _details(believed, dict.fromkeys(COMPONENTS, 0.1))
+    model = DetailedModel(**details)
+    assert model.servo_play == believed["servo_backlash"] == 0.03
+    assert model.hub_drag == pytest.approx(GRAVITY * believed["hub_drag_per_iyy"] / believed["attitude_frequency"] ** 2)
 
 
 def test_effects_that_are_kept_are_in_the_helicopter(calibrated):

@@ -123,3 +123,20 @@ def test_where_there_is_no_pose_nothing_is_learned(air):
     white, roots = noise.whiten(blind, TRUE, rows)
     assert np.abs(white[:, 40]).max() == 0.0
     assert roots[:, 40] == pytest.approx(np.broadcast_to(np.eye(6), (WINDOWS, 6, 6)))
+
+
+def test_what_is_foreseen_errs_as_much_as_it_says(air):
+    rng, history = np.random.default_rng(5), 50
+    errors = []
+    with threadpool_limits(limits=1):
+        for _ in range(4):
+            rows = residuals(air, rng)
+            seen = noise.foresee(air, TRUE, rows[..., None], history)
+            errors.append((rows[:, history:] - seen.mean[..., 0]) / np.sqrt(seen.variance))
+            blind = np.where(np.arange(BINS)[:, None] < history, rows, 0.0)
+            # The future is not looked at.
+            assert np.array_equal(noise.foresee(air, TRUE, blind[..., None], history).mean, seen.mean)
+    # 48 windows, whose errors are correlated within one, mostly in the plane: a variance is known to a fifth.
+    variance = np.mean(np.square(errors), axis=(0, 1, 2))
+    assert variance == pytest.approx(np.ones(6), rel=0.4)
+    assert variance.mean() == pytest.approx(1.0, rel=0.2)
