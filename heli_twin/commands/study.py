@@ -298,7 +298,10 @@ def report(parsed: Namespace) -> int:
     """Write the report of a study."""
     from heli_twin.studies.report import write_report
 
-    say(f"report {write_report(folder_of(parsed.study), parsed.out)}")
+    folder = folder_of(parsed.study)
+    page = write_report(folder, parsed.out)
+    tell(folder)
+    say(f"report {page}")
     return 0
 
 

@@ -115,11 +115,11 @@ def decisive(verdict: Verdict, log: Log) -> Decisive | None:
     if leaf is None:
         return None
     trace = trace_of(log, set(leaf.signals()))
-    time = _start(log) + trace.period * np.arange(trace.length)
+    time = _start(log) + trace.period * np.arange(trace.length, dtype=np.float64)
     if not isinstance(leaf, Below):
         return Decisive(time, {leaf.signal: np.asarray(trace.signals[leaf.signal], np.float64)}, None, "")
     factor = converted(1.0, leaf.unit, leaf.shown_unit)
-    sides = {side.signal: factor * side.value(trace) for side in (leaf.low, leaf.high) if side.signal}
+    sides = {side.signal: np.asarray(factor * side.value(trace)) for side in (leaf.low, leaf.high) if side.signal}
     number = next((side.number for side in (leaf.low, leaf.high) if not side.signal), None)
     return Decisive(time, sides, None if number is None else factor * number, leaf.shown_unit)
 

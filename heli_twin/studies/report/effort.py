@@ -6,6 +6,7 @@ import numpy as np
 
 from heli_twin.reporting.figure import Array, Curve, Figure, Panel, decades
 from heli_twin.reporting.words import metric, number
+from heli_twin.studies.designs.rare_event import RareEvent
 from heli_twin.studies.report.results import TIMES, Results
 
 MAX_EFFORT_POINTS = 2000
@@ -15,6 +16,10 @@ MAX_EFFORT_POINTS = 2000
 def effort(results: Results) -> Iterator[Figure]:
     """Each completed flight by the work of its sticks and its error."""
     shown, scale = metric(results.study.score), metric("effort")
+    if isinstance(results.study.design, RareEvent):
+        # Its flights are no fair sample: most are from the tail.
+        return
+    errs = "errs" if "error" in shown.name else f"has a {shown.name} of"
     clouds, facts = [], []
     for place, name in enumerate(results.alternatives):
         mine = results.of(name)
@@ -22,8 +27,8 @@ def effort(results: Results) -> Iterator[Figure]:
         if not len(mine):
             continue
         work, error = (float(np.median(mine[column])) for column in ("effort", results.study.score))
-        errs = f"{number(error * shown.factor)} {shown.unit}"
-        facts.append(f"{name} works its sticks {number(work, 2)} {scale.unit} and errs {errs}")
+        much = f"{number(error * shown.factor)} {shown.unit}"
+        facts.append(f"{name} works its sticks {number(work, 2)} {scale.unit} and {errs} {much}")
         mine = mine.where(np.arange(len(mine)) % max(1, -(-len(mine) // MAX_EFFORT_POINTS)) == 0)
         commands = [mine.command(i) for i in range(len(mine))]
         x, y = mine["effort"], mine[results.study.score] * shown.factor

@@ -78,8 +78,10 @@ def _along(
     numbers = results.is_number(path)
     scale = field(path, values.tolist() if numbers else [])
     for number_, (name, mask) in enumerate(series.items()):
-        group = grouped_percent if column.dtype == np.bool_ else grouped_mean
-        mean = group(place[mask], column[mask], len(values))
+        if column.dtype == np.bool_:
+            mean = grouped_percent(place[mask], column[mask].astype(np.bool_), len(values))
+        else:
+            mean = grouped_mean(place[mask], column[mask].astype(np.float64), len(values))
         commands = _worst_of(results.where(mask), place[mask], len(values))
         band = (mean.low, mean.high) if (mean.n > 1).any() else (None, None)
         if numbers:

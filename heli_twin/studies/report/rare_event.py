@@ -8,7 +8,7 @@ import numpy as np
 from heli_twin.reporting.figure import Array, Curve, Figure, Panel, Table
 from heli_twin.reporting.intervals import wilson
 from heli_twin.reporting.words import metric, number, percent
-from heli_twin.studies.columns import SCORED
+from heli_twin.studies.columns import SCORED, excess
 from heli_twin.studies.designs.rare_event import RareEvent, estimate_of
 from heli_twin.studies.least_failure import Change
 from heli_twin.studies.report.results import INDEPENDENT_SENTENCE, Results
@@ -59,7 +59,7 @@ def rare_event(results: Results) -> Iterator[Figure | Table]:
     scale = metric(results.study.score)
     limit = f"{number(design.limit * scale.factor)} {scale.unit}".strip()
     text = (
-        f"A flight has failed if its {scale.name} exceeds {limit}, or if it crashes. Subset simulation over all noise"
+        f"A flight has failed if {_failure(results, limit)}, or if it crashes. Subset simulation over all noise"
         f"{' and the axes' if results.axes else ''}, {design.samples} flights a level; the first level is plain random"
         " flights. The probability is that of one flight, in its 95 % interval in 95 of 100 studies."
         f"{f' {INDEPENDENT_SENTENCE}' if len(results.axes) > 1 else ''}"
@@ -79,6 +79,15 @@ def rare_event(results: Results) -> Iterator[Figure | Table]:
             " If as large a change in a random direction seldom fails, its direction matters and not its size."
         )
         yield Table("The least change that fails", noise, LEAST_HEADER, rows, codes=(4,))
+
+
+def _failure(results: Results, limit: str) -> str:
+    """Say what a failure is: a broken requirement by its formula, else a score above the limit."""
+    score, design = results.study.score, results.study.design
+    broken = [each for each in results.study.required if excess(each.name) == score]
+    if broken and isinstance(design, RareEvent) and design.limit == 0.0:
+        return f"it breaks requirement {broken[0].name}, `{broken[0].formula}`"
+    return f"its {metric(score).name} exceeds {limit}"
 
 
 def told_rare_event(results: Results) -> Iterator[str]:
