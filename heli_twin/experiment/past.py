@@ -56,6 +56,7 @@ PAST: dict[str, Past] = {
     f"{_KALMAN}.gust_time": Past(5, 0.7),
     f"{_KALMAN}.mean_time": Past(4, 10.0),
     f"{_KALMAN}.floor": Past(4, 0.0),
+    "controllers.estimators.detailed_kalman.DetailedKalman.lift_walk": Past(7, 0.2, is_new=False),
     "heli_twin.experiment.Experiment.noise": Past(6, []),
     "heli_twin.experiment.Experiment.supervisor": Past(5, {"kind": "off"}),
     "heli_twin.experiment.Experiment.excitation": Past(5, {"kind": "off"}),
@@ -67,9 +68,9 @@ PAST: dict[str, Past] = {
     "controllers.laws.ltv_mpc.LtvMpc.integral_zone": Past(5, 1e9),
     "controllers.laws.pid.Pid.derivative": Past(5, "velocity"),
     "controllers.detailed_model.DetailedModel.servo_play": Past(6, 0.0),
-    "controllers.trajectories.circle.Circle.x": Past(6, 0.0),
-    "controllers.trajectories.circle.Circle.y": Past(6, 0.0),
-    "controllers.trajectories.circle.Circle.phase": Past(6, 0.0),
+    "controllers.trajectories.circle.Circle.x": Past(7, 0.0),
+    "controllers.trajectories.circle.Circle.y": Past(7, 0.0),
+    "controllers.trajectories.circle.Circle.phase": Past(7, 0.0),
     "controllers.trajectories.takeoff_and_landing.TakeoffAndLanding.stand": Past(4, 0.0),
 }
 """Past values by the field's full name: module, class, field, such as `heli_twin.lab.plant.mujoco.MuJoCo.mass`."""
