@@ -106,13 +106,15 @@ class Random:
 
     def _places(self, rng: np.random.Generator, half: float) -> Array:
         """Draw places (n, 4): each anew until it is apart from those before; after many tries all anew."""
-        for _ in range(100):
-            places: list[Array] = []
+        for _ in range(20):
+            places = np.zeros((self.ships, 2))
+            count = 0
             for at in rng.uniform(-half, half, (50 * self.ships, 2)):
-                if all(np.hypot(*(at - other)) >= self.spacing for other in places):
-                    places.append(at)
-                if len(places) == self.ships:
-                    return np.column_stack([np.array(places), np.tile([self.height, 0.0], (self.ships, 1))])
+                if not count or np.hypot(*(places[:count] - at).T).min() >= self.spacing:
+                    places[count] = at
+                    count += 1
+                if count == self.ships:
+                    return np.column_stack([places, np.tile([self.height, 0.0], (self.ships, 1))])
         raise ValueError(
             f"there is no room for {self.ships} helicopters with spacing = {self.spacing:g} m in a square of"
             f" half_width = {half:g} m: give less spacing or more width"

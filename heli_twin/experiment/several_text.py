@@ -8,18 +8,19 @@ of an experiment that all begin with.
 import json
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 from controllers.programs import beside
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.differences import changes
+from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.own import refuse_commands, with_commands, with_program_at_hand
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, add_past, leave_out_past, restore_past
 from heli_twin.experiment.several import Several, checked_several
 from heli_twin.experiment.text import (
+    family_at,
     leaves_of,
     load,
     names_a_kind,
@@ -44,6 +45,8 @@ from heli_twin.experiment.tree import (
 from heli_twin.experiment.values import ExperimentError, check_size
 from heli_twin.terminal_text import clean, instead
 
+EVERY, SHIPS = "every", "ships"
+"""Keys of the experiment of every helicopter, and of those of single ones."""
 ROOM = frozenset({"scenario", "coordination", "network", "shared"})
 """Fields of the room; the first words of their paths."""
 
@@ -61,7 +64,7 @@ def load_several(source: str, overrides: Iterable[str] = ()) -> Several:
     known = presets("several")
     if source not in known and not source.endswith(".toml"):
         raise ExperimentError(f"unknown preset {instead(source, known)}; a file of your own ends in .toml")
-    path, file = parsed_file(str(known.get(source, source)))
+    path, file = parsed_file(source)
     version = file.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
         raise ExperimentError(f"{clean(path, 200)} has physics = {clean(version, 40)}: give 1 to {PHYSICS_VERSION}")
@@ -221,7 +224,29 @@ def is_several_json(text: str) -> bool:
         tree = json.loads(text)
     except (ValueError, RecursionError):
         return False
-    return isinstance(tree, dict) and "every" in tree
+    return isinstance(tree, dict) and EVERY in tree
+
+
+def parsed_several(text: str) -> Tree:
+    """Parse canonical JSON of this version or an older one to a tree; its values are not validated.
+
+    Raises:
+        ExperimentError: The text is none of several helicopters.
+    """
+    try:
+        tree = json.loads(text)
+        check_size(tree)
+    except (ValueError, RecursionError) as error:
+        raise ExperimentError(f"the experiment is not valid JSON: {error}") from None
+    ships = tree.setdefault(SHIPS, {}) if isinstance(tree, dict) else None
+    if not isinstance(ships, dict) or not all(isinstance(each, dict) for each in (*ships.values(), tree.get(EVERY))):
+        raise ExperimentError("the experiment is not one of several helicopters")
+    for each in (tree[EVERY], *ships.values()):
+        refuse_commands(each)
+    add_past(Several, tree)
+    for ship in ships.values():
+        add_past(Experiment, ship)
+    return tree
 
 
 def several_from_json(text: str) -> Several:
@@ -230,22 +255,80 @@ def several_from_json(text: str) -> Several:
     Raises:
         ExperimentError: The text is none that this version can read.
     """
-    try:
-        tree = json.loads(text)
-        check_size(tree)
-    except (ValueError, RecursionError) as error:
-        raise ExperimentError(f"the experiment is not valid JSON: {error}") from None
-    ships = tree.pop("ships", {}) if isinstance(tree, dict) else None
-    if not isinstance(ships, dict) or not all(isinstance(each, dict) for each in (*ships.values(), tree.get("every"))):
-        raise ExperimentError("the experiment is not one of several helicopters")
-    for each in (tree["every"], *ships.values()):
-        refuse_commands(each)
-    add_past(Several, tree)
-    for ship in ships.values():
-        add_past(Experiment, ship)
-    read = several_of(tree, ships)
+    tree = parsed_several(text)
+    read = several_of(tree, tree.pop(SHIPS))
     own = {name: with_program_at_hand(ship) for name, ship in read.ships.items()}
     return replace(read, every=with_program_at_hand(read.every), ships=own)
+
+
+def words_of(text: str) -> list[str]:
+    """Return the arguments of the shortest `heli-twin fly` command that flies several helicopters: preset, overrides.
+
+    Args:
+        text: Canonical JSON.
+    """
+    tree = parsed_several(text)
+    candidates = [
+        [name, *([] if base == "lab" else [f"base={base}"]), *_overrides(start, tree)]
+        for name, base, start in _starts()
+    ]
+    return min(candidates, key=lambda words: len(" ".join(words)))
+
+
+@cache
+def _starts() -> list[tuple[str, str, Tree]]:
+    """Preset, base and tree of what a command can begin with."""
+    return [
+        (name, base, parsed_several(several_json(load_several(name, [f"base={base}"]))))
+        for name in presets("several")
+        for base in ("lab", "lab_simple")
+    ]
+
+
+def _overrides(start: Tree, tree: Tree) -> list[str]:
+    """Return the overrides that make one tree of another; kinds come before their fields."""
+    found: list[str] = []
+    for here, before, after, spec in (
+        ("", *({name: t[name] for name in ROOM} for t in (start, tree)), Several),
+        ("", start[EVERY], tree[EVERY], Experiment),
+        *((f"ships.{name}.", tree[EVERY], ship, Experiment) for name, ship in tree[SHIPS].items()),
+    ):
+        for path, value in _differing(before, after, spec):
+            text = value if isinstance(value, str) else json.dumps(value)
+            found.append(f"{here}{path}={text}")
+    return found
+
+
+def _differing(before: Tree, after: Tree, spec: type, here: str = "") -> Iterable[tuple[str, Any]]:
+    """Yield the changes that make one tree of another, in an order in which they can be made.
+
+    Args:
+        before: A tree of `spec`, or of a part of one.
+        after: The same.
+        spec: Class in which the paths begin.
+        here: Dotted path of the part, with a dot at its end.
+    """
+    for key, value in sorted(after.items(), key=lambda item: item[0] != "kind"):
+        old, path = before.get(key), f"{here}{key}"
+        if not isinstance(value, dict):
+            if value != old:
+                yield path, value
+            continue
+        if not isinstance(old, dict) or value.get("kind") != old.get("kind"):
+            kind = value["kind"]
+            yield path, "on" if old is None and kind == key else kind
+            old = _defaults(path, kind, spec)
+        yield from _differing(old, value, spec, f"{path}.")
+    for key, old in before.items():
+        if key not in after and isinstance(old, dict):
+            yield f"{here}{key}", "off"
+
+
+def _defaults(path: str, kind: str, spec: type) -> Tree:
+    """Return the tree of a member that is new at a dotted path."""
+    family = family_at(path, spec)
+    made = members(family).get(kind) if family else None
+    return table_of(made()) if made else {"kind": kind}
 
 
 def several_toml(several: Several) -> str:
@@ -254,9 +337,9 @@ def several_toml(several: Several) -> str:
     every = tree_of(several.every)
     for name, ship in several.ships.items():
         lines += ["", f"[ships.{name}]"]
-        for change in changes(every, tree_of(ship)):
-            value = toml_text(change.after) if isinstance(change.after, str) else json.dumps(change.after)
-            lines.append(f"{change.path}{'.kind' * _is_table(change.path, every)} = {value}")
+        for path, value in _differing(every, tree_of(ship), Experiment):
+            text = toml_text(value) if isinstance(value, str) else json.dumps(value)
+            lines.append(f"{path}{'.kind' * _is_table(path, every)} = {text}")
     return "\n".join(lines).strip() + "\n"
 
 

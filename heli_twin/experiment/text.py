@@ -271,6 +271,10 @@ def table_in(source: str, name: str) -> Tree:
 def _read(source: str) -> _File:
     """Return a preset or a TOML file."""
     path, tree = parsed_file(source)
+    if not SIGNS_OF_SEVERAL.isdisjoint(tree):
+        raise ExperimentError(
+            f"{clean(source, 200)} is of several helicopters: `heli-twin fly` and `fly_several` fly it"
+        )
     is_calibration = "envelope" in tree
     for name in NOT_FLOWN:
         tree.pop(name, None)
@@ -287,15 +291,13 @@ def _read(source: str) -> _File:
 
 def parsed_file(source: str) -> tuple[Path, Tree]:
     """Return the path of a preset or a TOML file, and its tables."""
-    known = presets()
+    known = presets() | presets("several")
     path = known.get(source, Path(source))
     if source not in known and path.suffix != ".toml":
-        if source in presets("several"):
-            raise ExperimentError(f"{source} is of several helicopters: `heli-twin fly` and `fly_several` fly it")
         together = ", ".join(presets("several"))
         raise ExperimentError(
-            f"unknown preset {instead(source, known)}; of several helicopters: {together}; a file of your own ends in"
-            " .toml"
+            f"unknown preset {instead(source, presets())}; of several helicopters: {together}; a file of your own ends"
+            " in .toml"
         )
     try:
         if path.exists() and not path.is_file():

@@ -159,9 +159,9 @@ def several_metrics(log: Log, wishes: Mapping[str, Trajectory]) -> dict[str, Any
 
     `least_distance` (m, in space) and `least_distance_in_plane` are between the centres of any two; `least_planned` is
     in the plane, between what they were committed to at the same time. `nearest` says who and when. `arrived` counts
-    who stayed at its goal; `time_to_goal` (s) is that of the last of them, None if one did not arrive.
-    `stuck` (s) is how long plans stood away from their goals, summed. `refused_plans` counts turns of planners in which
-    a new plan was refused.
+    who stayed at its goal, `missing` who did not; `time_to_goal` (s) is that of the last of them, None if one did not
+    arrive. `stuck` (s) is how long plans stood away from their goals, summed. `refused_plans` counts turns of planners
+    in which a new plan was refused.
 
     Args:
         log: Of all.
@@ -183,6 +183,7 @@ def several_metrics(log: Log, wishes: Mapping[str, Trajectory]) -> dict[str, Any
         "least_planned": plans.distance if plans else None,
         "nearest_planned": {"ships": list(plans.ships), "time": plans.time} if plans else None,
         "arrived": sum(each.arrived for each in arrivals.values()),
+        "missing": sum(not each.arrived for each in arrivals.values()),
         "time_to_goal": _greatest(times) if all(each.arrived for each in arrivals.values()) else None,
         "stuck": sum(each.stuck for each in arrivals.values()),
         "turns": len(turns),

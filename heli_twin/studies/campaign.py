@@ -14,13 +14,15 @@ from typing import Any
 
 from controllers.programs import to_send
 from heli_twin.experiment.families import own_sources
-from heli_twin.experiment.tree import parsed
+from heli_twin.experiment.scenarios import MOST_SHIPS
+from heli_twin.experiment.several_text import EVERY
 from heli_twin.studies.columns import COMPLETED, SCORED
 from heli_twin.studies.designs import Point, Row
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.flight_code import changes_of, code_hash, code_parts, file_hash
 from heli_twin.studies.plan import PlannedFlight, StudyPlan, plan_of
 from heli_twin.studies.resume import check_code
+from heli_twin.studies.space import value_at, varied
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import Study, study_tree
 from heli_twin.studies.work import OTHER_CODE, fly_task, fly_with_code
@@ -106,7 +108,9 @@ def embedded(plan: StudyPlan, timeout: float, processes: int | None = None) -> B
 
 def time_allowed(plan: StudyPlan) -> float:
     """Return the time after which a flight counts as hung, s."""
-    return plan.study.timeout or 60 + 5 * parsed(plan.space.base)["duration"]
+    tree = varied(plan.space.base, {})
+    most = MOST_SHIPS if EVERY in tree else 1
+    return plan.study.timeout or 60 + 5 * value_at(tree, "duration") * most
 
 
 class Campaign:

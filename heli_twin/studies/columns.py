@@ -4,9 +4,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, Literal
 
+from controllers.trajectories import fitted
 from heli_twin.experiment import Experiment
+from heli_twin.experiment.several import Several
 from heli_twin.metrics.flat import flat
 from heli_twin.metrics.measures import measures
+from heli_twin.metrics.several import several_metrics
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log
 from heli_twin.requirements import Requirement, Verdict, judge
@@ -37,8 +40,48 @@ def columns(log: Log, experiment: Experiment, requirements: Sequence[Requirement
     row = flat(metrics(log)) | flat(measures(log, experiment.controller))
     row = {"outcome": outcome(log), "outcome_text": log.ending.text} | {k: v for k, v in row.items() if k != "outcome"}
     row |= _judged(row, judge(requirements, log)) if requirements else {}
-    row["flown"] = row.pop("duration", None)
-    row["digest"] = log.digest
+    return row | _provenance(log, row.pop("duration", None))
+
+
+def columns_of_several(log: Log, several: Several, requirements: Sequence[Requirement] = ()) -> dict[str, Any]:
+    """The row of a flight of several helicopters.
+
+    Of a metric that each helicopter has, it is the largest of all; of a requirement, the verdict on the one that is
+    nearest to breaking it.
+    """
+    row = _of_several(log, several)
+    row = {"outcome": log.outcome, "outcome_text": log.ending.text} | {k: v for k, v in row.items() if k != "outcome"}
+    if requirements:
+        row |= _judged(row, _tightest([judge(requirements, log.ship(name)) for name in log.ships]))
+    return row | _provenance(log, row.pop("duration", None))
+
+
+def _of_several(log: Log, several: Several) -> dict[str, Any]:
+    fleet = several.fleet()
+    each = [
+        flat(metrics(log.ship(name))) | flat(measures(log.ship(name), e.controller))
+        for name, e in fleet.items()
+        if name in log.ships
+    ]
+    row: dict[str, Any] = {}
+    for key in dict.fromkeys(key for metrics_of_one in each for key in metrics_of_one):
+        values = [value for one in each if isinstance(value := one.get(key), int | float)]
+        row[key] = max(values) if len(values) == len(each) else None
+    together = flat(several_metrics(log, {name: fitted(e.trajectory, e.controller.model) for name, e in fleet.items()}))
+    return row | {key: " ".join(value) if isinstance(value, list) else value for key, value in together.items()}
+
+
+def _tightest(of_each: Sequence[Mapping[str, Verdict]]) -> dict[str, Verdict]:
+    """Of each requirement the verdict on the helicopter that breaks it most, or keeps it by least."""
+
+    def order(verdict: Verdict) -> tuple[bool, float]:
+        return verdict.holds, -_excess(verdict)
+
+    return {name: min((each[name] for each in of_each), key=order) for name in of_each[0]}
+
+
+def _provenance(log: Log, duration: Any) -> dict[str, Any]:
+    row: dict[str, Any] = {"flown": duration, "digest": log.digest}
     about = log.metadata
     row |= {"started": about.get("started", ""), "git_commit": about.get("git_commit", ""), "cpu": about.get("cpu", "")}
     row |= {key: value for key, value in about.items() if key.startswith("version.") or key in ("python", "platform")}
@@ -86,17 +129,25 @@ def metric_names() -> tuple[str, ...]:
     return tuple(name for name in known if name not in ("outcome", "duration", "settling"))
 
 
-def check_metrics(names: Iterable[str], requirements: Iterable[str] = ()) -> None:
+@cache
+def several_metric_names() -> tuple[str, ...]:
+    """The names of the metrics that several helicopters have beyond those of one."""
+    known = flat(several_metrics(Log({}), {}))
+    return tuple(name for name in known if name not in ("outcome", "duration", "nearest", "nearest_planned"))
+
+
+def check_metrics(names: Iterable[str], requirements: Iterable[str] = (), *, together: bool = False) -> None:
     """Refuse metrics that no flight has.
 
     Args:
         names: The metrics.
         requirements: Names of the study's requirements, each of which has an excess.
+        together: True for a study of several helicopters.
 
     Raises:
         StudyError: Suggests the right one.
     """
-    known = (*metric_names(), *map(excess, requirements))
+    known = (*metric_names(), *(several_metric_names() if together else ()), *map(excess, requirements))
     for name in names:
         if name not in known:
             raise StudyError(f"unknown metric {instead(name, known)}")

@@ -15,8 +15,10 @@ from heli_twin.experiment.envelope import Envelope, envelope_in, envelope_of
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.own import with_commands
 from heli_twin.experiment.past import PHYSICS_VERSION
-from heli_twin.experiment.text import load, presets
-from heli_twin.experiment.tree import canonical_json, experiment_of
+from heli_twin.experiment.several import Several
+from heli_twin.experiment.several_text import is_several_json, load_several, several_json
+from heli_twin.experiment.text import is_several, load, presets
+from heli_twin.experiment.tree import canonical_json
 from heli_twin.metrics.reach import planned_reach
 from heli_twin.studies.axes import Ensemble, Values, axis_of
 from heli_twin.studies.columns import check_metrics
@@ -24,7 +26,7 @@ from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.ensemble import check_apart, is_ensemble
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.sequential import until_known
-from heli_twin.studies.space import Alternative, Space, value_at, varied
+from heli_twin.studies.space import Alternative, Space, experiments_of, text_of, value_at, varied, with_seed
 from heli_twin.studies.study import Study, with_own_members
 from heli_twin.terminal_text import clean
 
@@ -99,8 +101,7 @@ class StudyPlan:
                 value = axis.name_of(point.changes[path]) if is_whole else shown_value(value_at(tree, path))
                 shown[path] = str(value) if path in self.words else value
         for seed in point.seeds or self.space.seeds:
-            tree["seed"] = seed
-            text = canonical_json(experiment_of(tree))
+            text = text_of(with_seed(tree, seed))
             place = {
                 "point": number,
                 "alternative": alternative.name,
@@ -129,7 +130,7 @@ def plan_of(study: Study) -> StudyPlan:
     swept = {path: axis for path, axis in axes.items() if path != contrast}
     names = tuple(requirement.name for requirement in study.required)
     plan = StudyPlan(study, Space(base, alternatives, swept, study.seeds, study.score, study.penalty, names), contrast)
-    check_metrics((study.score, *study.metrics), names)
+    check_metrics((study.score, *study.metrics), names, together=is_several_json(base))
     if "seed" in swept:
         raise StudyError("the seed is no axis: `replicates` flies every point with the same seeds")
     if study.half_width and study.design.adaptive:
@@ -197,8 +198,10 @@ def _base(study: Study) -> str:
         raise StudyError(f"base.preset = {clean(preset, 60)} names no preset. Available: {', '.join(presets())}")
     # A law that is named by its kind alone believes what a calibration says.
     kinds = [f"{part}={changes[part]}" for part in ("controller", "estimator") if isinstance(changes.get(part), str)]
-    start = canonical_json(load(preset, kinds))
-    return canonical_json(experiment_of(varied(start, changes)))
+    if preset is not None and is_several(preset):
+        begin = [f"base={changes.pop('base')}"] if "base" in changes else []
+        return text_of(varied(several_json(load_several(preset, [*begin, *kinds])), changes))
+    return text_of(varied(canonical_json(load(preset, kinds)), changes))
 
 
 def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
@@ -215,7 +218,8 @@ def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
                 text = clean(changes, 60)
                 raise StudyError(f"alternatives.{name} = {text}: write the changes it stands for as a table")
         return tuple(Alternative(name, dict(changes)) for name, changes in study.alternatives.items()), ""
-    families = {name for name, part in fields_of(Experiment).items() if isinstance(part.family, OneOf)}
+    fields_of_both = {**fields_of(Several), **fields_of(Experiment)}
+    families = {name for name, part in fields_of_both.items() if isinstance(part.family, OneOf)}
     for path, written in study.axes.items():
         if path in families and not is_ensemble(written):
             levels = axis_of(path, written).levels()
@@ -226,19 +230,19 @@ def alternatives_of(study: Study) -> tuple[tuple[Alternative, ...], str]:
 
 
 def corners(space: Space) -> Iterator[Experiment]:
-    """Yield every alternative with every value of every axis, of those with a distribution its ends.
+    """Yield every alternative with every value of every axis, of those with a distribution its ends; each helicopter.
 
     Raises:
         ExperimentError: One of them cannot be flown.
     """
     for alternative in space.alternatives:
-        yield experiment_of(varied(space.base, alternative.changes))
+        yield from experiments_of(varied(space.base, alternative.changes))
         for path, axis in space.axes.items():
             # Between two numbers that a field accepts it accepts all.
             for value in (
                 axis.values if isinstance(axis, Values | Ensemble) else (axis.quantile(0.0), axis.quantile(0.999))
             ):
-                yield experiment_of(varied(space.base, alternative.changes | {path: value}))
+                yield from experiments_of(varied(space.base, alternative.changes | {path: value}))
 
 
 def shown_value(value: Any) -> Any:

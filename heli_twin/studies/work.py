@@ -38,24 +38,35 @@ def fly_task(task: Task) -> Flown | Trouble:
     """Fly a run; a failed flight is a row like any other, an invalid run is none."""
     from controllers.programs import receive
     from heli_twin.experiment.families import FamilyError, load_own_sources
+    from heli_twin.experiment.several_text import is_several_json, several_from_json
     from heli_twin.experiment.tree import ExperimentError, from_json
     from heli_twin.mission import ProgramMissing, fly
     from heli_twin.recording import read_log
     from heli_twin.requirements import requirements_of
-    from heli_twin.studies.columns import COMPLETED, INVALID, SCORED, columns
+    from heli_twin.studies.columns import COMPLETED, INVALID, SCORED, columns, columns_of_several
 
     began = perf_counter()
     about = {"id": task.id, "host": socket.gethostname()}
     try:
         load_own_sources(task.own)
         receive(task.programs)
-        experiment = from_json(task.experiment)
-        result = fly(experiment, log_dir=None)
-        if result.outcome.kind == INVALID:
-            return Trouble(INVALID, result.outcome.text)
         requirements = requirements_of(task.requirements) if task.requirements else ()
-        log = read_log(BytesIO(result.data or b""), None if requirements else DECODED_TOPICS)
-        row = about | columns(log, experiment, requirements) | {"real_time_factor": result.real_time_factor}
+        if is_several_json(task.experiment):
+            from heli_twin.several.fly import fly_several
+
+            several = several_from_json(task.experiment)
+            result = fly_several(several, log_dir=None)
+            if result.outcome.kind == INVALID:
+                return Trouble(INVALID, result.outcome.text)
+            row = about | columns_of_several(result.log, several, requirements)
+        else:
+            experiment = from_json(task.experiment)
+            result = fly(experiment, log_dir=None)
+            if result.outcome.kind == INVALID:
+                return Trouble(INVALID, result.outcome.text)
+            log = read_log(BytesIO(result.data or b""), None if requirements else DECODED_TOPICS)
+            row = about | columns(log, experiment, requirements)
+        row["real_time_factor"] = result.real_time_factor
     except ProgramMissing as error:
         return Trouble(INVALID, f"{error} ({socket.gethostname()})")
     except (ExperimentError, FamilyError) as error:

@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from heli_twin.experiment.differences import fly_command
-from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of, parsed
+from heli_twin.experiment.tree import ExperimentError
 from heli_twin.reporting.terminal_tables import metric_text
 from heli_twin.reporting.words import metric
 from heli_twin.studies.columns import COMPLETED
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.space import varied
+from heli_twin.studies.space import text_of, value_at, varied
 from heli_twin.studies.store import Store
 from heli_twin.studies.study import stored_study
 from heli_twin.terminal_text import pasteable
@@ -54,7 +54,8 @@ def command_of(folder: Path, run_id: str) -> str:
         # A class of the user's own, which has to be named, and the store has no path of it.
         return pasteable("heli-twin", "study", "fly", folder, run_id, "--with", "FILE.py")
     # An airframe's text fits into no command, and the noise of a search into none that can be read.
-    is_long = "\\n" in experiment or len(parsed(experiment)["noise"]) > MOST_NOISE
+    noise = value_at(varied(experiment, {}), "noise")
+    is_long = "\\n" in experiment or len(noise) > MOST_NOISE
     return pasteable("heli-twin", "study", "fly", folder, run_id) if is_long else fly_command(experiment)
 
 
@@ -68,4 +69,4 @@ def experiment_by_id(folder: Path, start: str) -> str:
         run, base = store.find(start), store.about()["base"]
     if run is None:
         raise StudyError(f"{folder} has no run '{start}': `heli-twin study worst` and the report print ids")
-    return canonical_json(experiment_of(varied(base, run[1])))
+    return text_of(varied(base, run[1]))

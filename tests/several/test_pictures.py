@@ -24,7 +24,7 @@ RERUN = Path(sys.executable).with_name("rerun")
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    several = load_several("swap4", ["duration=3", "scenario.radius=0.5"])
+    several = load_several("swap4", ["coordination=none", "duration=3", "scenario.radius=0.5"])
     found = fly_several(several, log_dir=tmp_path_factory.mktemp("flight")).path
     assert found is not None
     return found
@@ -115,5 +115,6 @@ def test_fly_prints_what_programs_need(tmp_path: Path, capsys: pytest.CaptureFix
     assert said["arrived"] == 0
     assert [*said["ships"]] == ["a", "b"]
     assert [*said["requirements"]] == ["a: apart", "b: apart"]
-    assert main(["fly", "pair", "scenario.radius=0.4", "duration=2", "--no-log", "--require", str(require)]) == 3
-    assert main(["fly", "pair", "scenario.radius=0.4", "duration=2", "--no-log"]) == 1
+    meet = ["pair", "coordination=none", "scenario.radius=0.4", "duration=2", "--no-log"]
+    assert main(["fly", *meet, "--require", str(require)]) == 3
+    assert main(["fly", *meet]) == 1

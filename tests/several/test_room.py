@@ -62,7 +62,7 @@ class RelayPlanner:
 
 
 def flown(*overrides: str) -> SeveralResult:
-    return fly_several(load_several("pair", overrides), log_dir=None)
+    return fly_several(load_several("pair", ["coordination=none", *overrides]), log_dir=None)
 
 
 @pytest.fixture(scope="module")

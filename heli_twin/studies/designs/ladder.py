@@ -6,10 +6,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import doc
 
-from heli_twin.experiment.tree import experiment_of
 from heli_twin.studies.designs import Batches, Point
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.space import Space, varied
+from heli_twin.studies.space import Space, experiments_of, varied
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +37,7 @@ class Ladder:
             raise StudyError("two rungs of the ladder have the same name")
         for alternative in space.alternatives:
             for point in self._points():
-                experiment_of(varied(space.base, alternative.changes | point.changes))
+                experiments_of(varied(space.base, alternative.changes | point.changes))
 
     def count(self, space: Space) -> int:
         """The base and every rung."""

@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le, doc
 
+from heli_twin.experiment.several_text import is_several_json
 from heli_twin.studies.axes import Linspace, Logspace, Uniform
 from heli_twin.studies.columns import INVALID, SCORED, check_metrics
 from heli_twin.studies.designs import Batches, Point, Row, need_axes
@@ -35,7 +36,7 @@ class Margin:
         need_axes(space, "margin")
         if not self.criteria:
             raise StudyError("a margin needs a criterion: design.criteria = { 'sustained.yaw' = 0.07 }")
-        check_metrics(self.criteria, space.requirements)
+        check_metrics(self.criteria, space.requirements, together=is_several_json(space.base))
         for path, axis in space.axes.items():
             if not isinstance(axis, Linspace | Logspace | Uniform):
                 raise StudyError(f"axis '{path}': a margin is searched in a range, write {{ uniform = [from, to] }}")

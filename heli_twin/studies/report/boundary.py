@@ -6,14 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heli_twin.experiment.tree import parsed
 from heli_twin.reporting.figure import Curve, Figure, Heat, Panel, decades
 from heli_twin.reporting.intervals import Interval
 from heli_twin.reporting.words import field, listed, metric, number
 from heli_twin.studies.axes import Axis, axis_of, share_of
 from heli_twin.studies.designs.boundary import Boundary, places_and_scores, response
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.space import value_at
+from heli_twin.studies.space import value_at, varied
 from heli_twin.studies.straddle import CANDIDATES_LOG2, Surrogate, fitted, share_above, spread_places
 
 CELLS = 61
@@ -110,7 +109,7 @@ def _seed(results: Results) -> str:
 
 def _middle(results: Results, axes: Mapping[str, Axis]) -> list[float]:
     """The place of the base experiment, as shares of the axes; the middle of a range that the base is not in."""
-    tree = parsed(results.about["base"])
+    tree = varied(results.about["base"], {})
     shares = []
     for path, axis in axes.items():
         base = value_at(tree, path)

@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from math import isfinite
 
-from heli_twin.experiment.tree import ExperimentError, experiment_of
+from heli_twin.experiment.tree import ExperimentError
 from heli_twin.metrics.margins import AXES, Margins
 from heli_twin.reporting.figure import Table
 from heli_twin.studies.plan import alternatives_of
 from heli_twin.studies.report.loop_margins import read_margins
 from heli_twin.studies.report.results import Results
-from heli_twin.studies.space import varied
+from heli_twin.studies.space import experiments_of, varied
 from heli_twin.tuning.record import origin
 
 FAIRNESS_SENTENCE = (
@@ -24,8 +24,8 @@ def fairness(results: Results) -> Iterator[Table]:
     rows: list[list[str]] = []
     for name, changes in alternatives_of(results.study)[0]:
         try:
-            law = experiment_of(varied(results.about["base"], changes)).controller
-            rows.append([name, origin(law, results.study.tuning)])
+            laws = [e.controller for e in experiments_of(varied(results.about["base"], changes))]
+            rows.append([name, "; ".join(dict.fromkeys(origin(law, results.study.tuning) for law in laws))])
         except ExperimentError:
             rows.append([name, "a class of the user's own, which this report was written without"])
     yield Table("Fairness", FAIRNESS_SENTENCE, ["", "controller, and where its gains come from"], rows)

@@ -5,12 +5,11 @@ from math import inf
 from pathlib import Path
 
 from heli_twin.errors import HeliTwinError
-from heli_twin.experiment.tree import experiment_of
 from heli_twin.metrics.margins import AXES, Margins
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import alternatives_of
 from heli_twin.studies.report.results import results_of
-from heli_twin.studies.space import varied
+from heli_twin.studies.space import experiments_of, varied
 from heli_twin.tuning.margins import law_margins
 from heli_twin.whole_file import write_whole
 
@@ -30,7 +29,7 @@ def measure_margins(folder: Path) -> None:
     of_all: dict[str, dict[str, dict[str, float | None]] | str] = {}
     for name, changes in alternatives_of(results.study)[0]:
         try:
-            found = law_margins(experiment_of(varied(results.about["base"], changes)))
+            found = law_margins(experiments_of(varied(results.about["base"], changes))[0])
         except HeliTwinError as error:
             of_all[name] = str(error)
         else:
