@@ -243,10 +243,10 @@ def test_wilsons_interval_holds_95_percent_on_average():
 @pytest.mark.parametrize(("draw", "quantile"), [("standard_normal", 1.644854), ("standard_exponential", 2.995732)])
 @pytest.mark.parametrize("n", [59, 200])
 def test_the_bound_of_scores_holds_in_95_of_100_studies_of_any_distribution(draw, quantile, n):
-    values = getattr(np.random.default_rng(2), draw)((4000, n))
+    values = getattr(np.random.default_rng(2), draw)((2000, n))
     held = np.mean([tolerance_bound(row) >= quantile for row in values])
-    # 3 standard deviations of 4000 studies are 1 %; the ranks are whole, so that it holds more often.
-    assert 0.95 - 0.01 <= held <= 0.98
+    # 3 standard deviations of 2000 studies are 1.5 %; the ranks are whole, so that it holds more often.
+    assert 0.95 - 0.015 <= held <= 0.98
 
 
 def test_rates_of_groups_have_wilsons_interval_each():
