@@ -3,13 +3,15 @@
 An `Experiment` is a value that determines a flight; `fly` flies it and returns a `Result`; its log, an MCAP file, is
 read by `read_log`. `load` makes an experiment from a preset or a TOML file, and changes of single fields:
 
-    from heli_twin import Experiment, fly, load, load_study, plot, read_log, run
+    from heli_twin import Experiment, fly, fly_several, load, load_several, load_study, plot, read_log, run
 
     result = fly("lab")                                   # a preset, or a TOML file
     result = fly(load("lab", ["trajectory=hover", "plant.mass=0.030"]))
     print(result.outcome, result.summary()["max_abs_error"], result.path)
 
     result = fly(Experiment(seed=3), log_dir=None)        # the log stays in memory: result.log
+
+    room = fly_several(load_several("swap4"))             # several helicopters in one room, a Several
 
     log = read_log(result.path)                           # NumPy columns of every topic
     print(log.topics, log.truth.seconds[-1], log.truth.position - log.reference.position)
@@ -37,11 +39,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from heli_twin.errors import HeliTwinError
     from heli_twin.experiment import Experiment
+    from heli_twin.experiment.several import Several
+    from heli_twin.experiment.several_text import load_several
     from heli_twin.experiment.text import load
     from heli_twin.experiment.tree import ExperimentError
     from heli_twin.mission import Result, fly
     from heli_twin.plots import plot
     from heli_twin.recording import Log, LogError, read_log
+    from heli_twin.several.fly import fly_several
     from heli_twin.studies.run import run
     from heli_twin.studies.study import Study, load_study
 
@@ -52,9 +57,12 @@ __all__ = [
     "Log",
     "LogError",
     "Result",
+    "Several",
     "Study",
     "fly",
+    "fly_several",
     "load",
+    "load_several",
     "load_study",
     "plot",
     "read_log",
@@ -68,9 +76,12 @@ _HOME = {
     "Log": "heli_twin.recording",
     "LogError": "heli_twin.recording",
     "Result": "heli_twin.mission",
+    "Several": "heli_twin.experiment.several",
     "Study": "heli_twin.studies.study",
     "fly": "heli_twin.mission",
+    "fly_several": "heli_twin.several.fly",
     "load": "heli_twin.experiment.text",
+    "load_several": "heli_twin.experiment.several_text",
     "load_study": "heli_twin.studies.study",
     "plot": "heli_twin.plots",
     "read_log": "heli_twin.recording",

@@ -25,7 +25,11 @@ from heli_twin import load, mission
 from heli_twin.cli import main
 from heli_twin.commands import command_line
 from heli_twin.experiment import Experiment, families
+from heli_twin.experiment.several import Several
+from heli_twin.experiment.several_text import changed_several, load_several
 from heli_twin.recording.schema import LAYOUTS, TOPICS
+from heli_twin.requirements import requirements_of
+from heli_twin.several import fly as several_flights
 from heli_twin.studies.campaign import run_study
 from heli_twin.studies.columns import metric_names
 from heli_twin.studies.plan import plan_of
@@ -113,6 +117,12 @@ def shorten(set_attribute: Callable[[object, str, object], None]) -> None:
         return replace(checked(experiment), duration=COURSE_S)
 
     set_attribute(mission, "checked", short)
+    fleet = several_flights.checked_fleet
+
+    def short_fleet(several: Several) -> Several:
+        return changed_several(fleet(several), [f"duration={COURSE_S}"])
+
+    set_attribute(several_flights, "checked_fleet", short_fleet)
 
 
 @pytest.fixture(scope="session")
@@ -132,6 +142,9 @@ def files_in(folder: Path, duration: float) -> Path:
         assert flown is not None
         flown.rename(folder / f"{name}.mcap")
     shutil.copy(folder / "RUN.mcap", folder / "logs" / "RUN.mcap")
+    room = several_flights.fly_several(load_several("pair", [f"duration={duration}"]), log_dir=folder / "logs").path
+    assert room is not None
+    room.rename(folder / "ROOM.mcap")
     (folder / "LOST.mcap.part").write_bytes((folder / "A.mcap").read_bytes()[:-3000])
     for name in ("my_law.py", "my_design.py"):
         shutil.copy(ROOT / "tests" / "own" / name, folder)
@@ -213,6 +226,15 @@ def test_the_study_of_the_guide_can_be_flown(tmp_path: Path) -> None:
     (text,) = blocks("studies", "toml")
     (tmp_path / "mine.toml").write_text(text)
     assert plan_of(load_study(str(tmp_path / "mine.toml"))).count() == 30
+
+
+def test_the_files_of_the_page_on_several_can_be_used(tmp_path: Path) -> None:
+    room, require = blocks("several", "toml")
+    for name, text in (("room.toml", room), ("require.toml", require)):
+        (tmp_path / name).write_text(text)
+    several = several_flights.checked_fleet(load_several(str(tmp_path / "room.toml")))
+    assert [*several.fleet()] == ["a", "b", "c", "guest"]
+    assert [each.name for each in requirements_of(str(tmp_path / "require.toml"))] == ["apart"]
 
 
 def test_the_guide_names_every_metric_and_every_design() -> None:
