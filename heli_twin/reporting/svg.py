@@ -43,6 +43,8 @@ RC_PARAMETERS: dict[Any, Any] = {
 }
 PANEL_WIDTH_INCHES = 3.5
 """Width of a column in a paper."""
+MANY_CELLS = 40
+"""A map with more columns or rows is an image."""
 LINE_STYLES = {"line": "-", "steps": "-", "dashes": "--"}
 
 
@@ -73,7 +75,7 @@ def write_svg(figure: Figure, path: Path) -> None:
             for axes in places[: len(panels)]:
                 axes.set_xlim(ends.min(), ends.max())
         _legend(canvas, figure)
-        canvas.savefig(path, format="svg", metadata={"Date": None})
+        canvas.savefig(path, format="svg", metadata={"Date": None}, dpi=200)
 
 
 def _panel(axes: "Axes", panel: Panel) -> None:
@@ -170,6 +172,8 @@ def _heat(axes: "Axes", mark: Heat, panel: Panel) -> None:
     elif mark.limits:
         options |= {"vmin": mark.limits[0], "vmax": mark.limits[1]}
     x, y = edges(mark.x, panel.x_log), edges(mark.y, panel.y_log)
+    # Between many drawn cells there are seams.
+    options["rasterized"] = max(mark.values.shape) > MANY_CELLS
     picture = axes.pcolormesh(x, y, np.ma.masked_invalid(mark.values), **options)
     axes.set_xlim(x[0], x[-1])
     axes.set_ylim(y[0], y[-1])
