@@ -41,8 +41,8 @@ def scores_of(seed: int, axes: int = 2, *, crash: bool = False):
 def learned(score, axes=2, points=80, first=20, seed=0):
     places = spread_places(axes, 5, seed)[:first]
     while len(places) < points:
-        places = np.vstack([places, next_places(places, response(score(places), LIMIT, first), 5, seed)])
-    return fitted(places, response(score(places), LIMIT, first))
+        places = np.vstack([places, next_places(places, response(score(places), LIMIT), 5, seed)])
+    return fitted(places, response(score(places), LIMIT))
 
 
 def judged(seed, axes=2, crash=False, points=80):
@@ -89,11 +89,11 @@ def test_points_go_where_the_side_is_least_certain():
         assert (next_places(places, values, 4, 0) == chosen).all()
 
 
-def test_a_crash_is_above_the_limit_but_hides_nothing():
-    far = response(np.array([0.1, 0.2, 0.25, 0.3, 2.5]), 0.25, 5)
-    assert np.sign(far).tolist() == [-1, -1, 0, 1, 1]
-    # Ten times as far above the limit and more, but not in what is fitted.
-    assert far[-1] < 6.0 * far[-2]
+def test_what_is_far_from_the_limit_hides_nothing():
+    far = response(np.array([0.0, 0.125, 0.25, 0.5, 2.5]), 0.25)
+    np.testing.assert_allclose(far, [-1.0, -1 / 3, 0.0, 1 / 3, 9 / 11])
+    # The excess over a requirement: by half of its limit, and by ten times of it.
+    np.testing.assert_allclose(response(np.array([-0.5, 0.0, 0.5, 10.0]), 0.0), [-0.2, 0.0, 0.2, 10 / 12])
 
 
 @pytest.mark.parametrize("axis", [Linspace(0.02, 0.03, 4), Logspace(0.01, 1.0, 4), Uniform(-1.0, 3.0)])
@@ -217,7 +217,7 @@ def test_eighty_flights_map_what_four_hundred_do(tmp_path):
     by_cell = [{**row, "asked": row["point"]} for row in rows_of(many)]
     cells, truth = places_and_scores(by_cell, ranges, shipped.score, shipped.penalty)
     limit = shipped.design.limit
-    chance = fitted(places, response(scores, limit, shipped.design.first)).above(cells)
+    chance = fitted(places, response(scores, limit)).above(cells)
     wrong = np.mean((chance > 0.5) != (truth > limit))
     print(f"{100 * wrong:.2f} % of 400 cells in disagreement, {100 * np.mean(truth > limit):.1f} % of them fail")
     assert wrong < 0.03

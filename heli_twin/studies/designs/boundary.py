@@ -72,7 +72,7 @@ class Boundary:
             for alternative in space.alternatives:
                 mine = [row for row in flown if row["alternative"] == alternative.name]
                 places, scores = places_and_scores(mine, space.axes, space.score, space.penalty)
-                places = next_places(places, response(scores, self.limit, self.first), count, seed)
+                places = next_places(places, response(scores, self.limit), count, seed)
                 asked += [
                     _point(space, place, number + i)._replace(alternatives=(alternative.name,))
                     for i, place in enumerate(places)
@@ -110,16 +110,15 @@ def places_and_scores(rows: Iterable[Row], axes: Mapping[str, Axis], score: str,
     return np.array(list(places.values())), np.array([float(np.median(these)) for these in scores.values()])
 
 
-def response(scores: Array, limit: float, first: int) -> Array:
-    """Return how far scores are above the limit, on a scale that is even near it and logarithmic far from it, (n,).
+def response(scores: Array, limit: float) -> Array:
+    """Return on which side of the limit scores are, and how far, between -1 and 1, (n,).
 
-    So a crash is not so far above the limit that nothing else can be seen.
-
-    Args:
-        scores: (n,) in the order in which they were asked for.
-        limit: The score at the boundary.
-        first: Scores to begin with, of places that were spread evenly: they tell what is far.
+    It is (s - limit) / (s + limit), which is half the logarithm of s / limit near the limit and levels off far from it:
+    a crash hides nothing. Of scores that may be negative, such as the excess over a requirement, whose limit is 0, it
+    is that of s + 1: the same for what is as great as its limit times s + 1.
     """
-    above = scores - limit
-    near = float(np.median(np.abs(above[:first]))) / 3.0
-    return np.arcsinh(above / (near or 1.0))
+    unit = abs(limit) or 1.0
+    if (scores < 0.0).any() or limit <= 0.0:
+        above = scores - limit
+        return above / (2.0 * unit + np.abs(above))
+    return (scores - limit) / (scores + limit)

@@ -75,7 +75,7 @@ def _surrogate(mine: Results, design: Boundary, axes: Mapping[str, Axis]) -> Sur
         for row in zip(*columns.values(), strict=True)
     ]
     places, scores = places_and_scores(rows, axes, score, mine.study.penalty)
-    return fitted(places, response(scores, design.limit, design.first))
+    return fitted(places, response(scores, design.limit))
 
 
 def _fact(learned: Learned) -> str:
