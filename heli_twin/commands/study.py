@@ -167,12 +167,17 @@ def run_(parsed: Namespace) -> int:
 def tell(folder: Path) -> None:
     """Print the answer of a study that asks how often a flight fails, where, or which axes matter."""
     from heli_twin.studies.report.boundary import told_boundary
+    from heli_twin.studies.errors import StudyError
     from heli_twin.studies.report.bounds import told_bounds
     from heli_twin.studies.report.morris import told_morris
     from heli_twin.studies.report.rare_event import told_rare_event
     from heli_twin.studies.report.results import results_of
 
-    results = results_of(folder)
+    try:
+        results = results_of(folder)
+    except StudyError:
+        # No run is valid, as the report says.
+        return
     for line in (*told_bounds(results), *told_rare_event(results), *told_boundary(results), *told_morris(results)):
         say(line)
 
