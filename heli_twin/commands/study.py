@@ -166,8 +166,8 @@ def run_(parsed: Namespace) -> int:
 
 def tell(folder: Path) -> None:
     """Print the answer of a study that asks how often a flight fails, where, or which axes matter."""
-    from heli_twin.studies.report.boundary import told_boundary
     from heli_twin.studies.errors import StudyError
+    from heli_twin.studies.report.boundary import told_boundary
     from heli_twin.studies.report.bounds import told_bounds
     from heli_twin.studies.report.morris import told_morris
     from heli_twin.studies.report.rare_event import told_rare_event
