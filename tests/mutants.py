@@ -186,6 +186,10 @@ EQUIVALENT = {
         "A, B = np.split(model.discretise(model.jacobians(np.zeros((2, len(spec.Q)))))[0], [len(spec.Q)], axis=1)",
     ): "the first of two equal matrices is taken",
     (
+        "heli_twin/metrics/margins.py",
+        "lags = np.mod(_between(phase, crossings, share) - np.pi, 2.0 * np.pi)",
+    ): "a whole turn less is the same angle",
+    (
         "heli_twin/metrics/motion.py",
         "return np.zeros(0), np.zeros((0, 5))",
     ): "no rows of five columns are no rows",

@@ -45,6 +45,8 @@ def test_errors_by_cameras_are_those_of_the_truth(flown, seen):
     assert np.abs(error[:, 3]).max() < np.pi
     assert np.abs(error[:, 0]).max() > 0.001
     assert errors(flown)[1] == pytest.approx(truth.error)
+    no_plan = {topic: messages for topic, messages in seen.messages.items() if topic != "/reference"}
+    assert errors(replace(seen, messages=no_plan))[1].shape == (0, 4)
 
 
 def test_statistics_are_those_of_the_magnitudes_between_two_times(flown):

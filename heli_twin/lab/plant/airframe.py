@@ -204,7 +204,7 @@ def _parsed(text: str) -> Any:
             stick.dynprm[0] = 0.0
     if spec.geom("floor") is None:
         spec.worldbody.add_geom(
-            name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(5.0, 5.0, 0.1), contype=1, conaffinity=1, condim=3
+            name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(5.0, 5.0, 0.1), contype=1, conaffinity=1
         )
     return spec
 

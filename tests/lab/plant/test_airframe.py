@@ -280,7 +280,7 @@ def test_it_is_drawn_from_its_geoms():
 def test_a_text_that_does_not_compile_is_drawn_as_a_ball():
     """A log is foreign, and can be looked at all the same."""
     (ball,) = shape_of(Airframe(model="<mujoco/>"))
-    assert ball.kind == "sphere"
+    assert (ball.kind, ball.centre) == ("sphere", (0.0, 0.0, 0.0))
     assert shape_of(MuJoCo()) == ()
 
 
@@ -402,6 +402,10 @@ REFUSALS = {
     "another root": ("<robot/>", "its root is <robot>"),
     "not closed": ("<mujoco>", "is not XML"),
     "entities": ('<!DOCTYPE m [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><mujoco model="&b;"/>', "a document type"),
+    "too deep beside many": (
+        "<mujoco>" + "<body/>" * 50 + "<body>" * 50 + "</body>" * 50 + "</mujoco>",
+        "deeper than 40",
+    ),
     "too deep": ("<mujoco>" + "<body>" * 5000 + "</body>" * 5000 + "</mujoco>", "deeper than 40"),
     "too many": ("<mujoco>" + "<body/>" * 6000 + "</mujoco>", "more than 5000 elements"),
     "too large": ("<mujoco>" + " " * MAX_TEXT_BYTES + "</mujoco>", "more than the 262,144 bytes"),
