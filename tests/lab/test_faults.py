@@ -304,8 +304,8 @@ def test_a_weak_motor_costs_half_its_share_of_thrust_and_turns():
     u = acted(MotorLoss(loss=0.4, torque=1.3), 5500)
     np.testing.assert_allclose(u, [0.1, -0.2, 0.8 * 0.545, 0.03 + 0.4 * 1.3 * 0.545], atol=1e-15)
     faults = Faults([MotorLoss(start=0.0, loss=0.4).hooks(rng())])
-    for throttle, given in ((1.4, 0.8), (-0.2, 0.0)):
-        assert faults.input(0, np.array([0.0, 0.0, throttle, 0.0]), plant())[2] == pytest.approx(given)
+    for throttle, left in ((1.4, 0.8), (-0.2, 0.0)):
+        assert faults.input(0, np.array([0.0, 0.0, throttle, 0.0]), plant())[2] == pytest.approx(left)
 
 
 @pytest.mark.parametrize("spec", [Ideal(), MuJoCo()])
