@@ -18,8 +18,7 @@ from threadpoolctl import threadpool_limits
 from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.equations import Normal, normal
-from heli_twin.calibration.parameters import INDEX
-from heli_twin.calibration.problem import FIRST, FIXED, LOG_SPREAD, N_LOG, N_THETA, Problem, State
+from heli_twin.calibration.problem import FIXED, LEAST, LOG_SPREAD, N_LOG, N_THETA, Problem, State
 
 MAX_ITERATIONS = 14
 MAX_STEP = 1.0
@@ -134,7 +133,7 @@ def _fit(problem: Problem, begin: State | None, progress: Callable[[], None], en
         is_stale = now.size > STALE or (before is not None and now.size > 0.5 * before.size)
         before, now = now, _step(problem, state, air, None if is_stale else now, is_blind=is_blind)
         # Steps to and fro jump over a kink of the servos' play.
-        share = max(0.5 * share, 0.1) if _turns_back(before, now) else min(2.0 * share, 1.0)
+        share = max(0.5 * share, 0.1) if _turns_back(before, now) else min(1.3 * share, 1.0)
         iteration += 1
         progress()
     return _finished(problem, state, now, air, iteration)
@@ -156,7 +155,7 @@ def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None,
     precision = _precision(problem)
     away = np.concatenate([state.theta - problem.prior, state.nuisance.ravel()])
     covariance = np.asarray(np.linalg.inv(equations.matrix + precision), np.float64)
-    step = covariance @ (equations.vector - precision @ away)
+    step = _bounded(problem, state, covariance, covariance @ (equations.vector - precision @ away))
     if is_blind:
         eta, of_eta = state.eta, np.diag(noise.PRIOR_SPREAD**2)
     elif old and old.eta_size < SETTLED:
@@ -167,6 +166,13 @@ def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None,
     return _Step(predicted, residual, jacobian, first, equations, covariance, step, eta, of_eta, eta_size)
 
 
+def _bounded(problem: Problem, state: State, covariance: Array, step: Array) -> Array:
+    """The step under the condition that no parameter falls below its least value."""
+    lacks = LEAST - (state.theta + step[:N_THETA])
+    i = np.flatnonzero((lacks > 0.0) & (problem.spread > FIXED))
+    return step + covariance[:, i] @ np.linalg.solve(covariance[np.ix_(i, i)], lacks[i])
+
+
 def _precision(problem: Problem) -> Array:
     """The prior's, of theta and then each log's nuisance."""
     return np.diag(np.concatenate([problem.spread, np.tile(LOG_SPREAD, len(problem.flights))]) ** -2.0)
@@ -175,11 +181,8 @@ def _precision(problem: Problem) -> Array:
 def _moved(problem: Problem, state: State, now: _Step, share: float) -> State:
     longest = float(np.max(np.abs(now.step[:N_THETA]) / np.maximum(problem.spread, FIXED)))
     step = now.step * share * min(1.0, MAX_STEP / max(longest, 1e-9))
-    theta = state.theta + step[:N_THETA]
-    for name in FIRST:
-        theta[INDEX[name]] = max(theta[INDEX[name]], 0.0)
     return State(
-        theta,
+        np.maximum(state.theta + step[:N_THETA], LEAST),
         state.nuisance + step[N_THETA:].reshape(-1, N_LOG),
         state.start + now.equations.to_start(step),
         now.eta,

@@ -61,6 +61,8 @@ FIRST = {"servo_backlash": 0.02, "servo_slowness": 0.3}
 """Where the fit of these begins: at zero they have no slope."""
 BLIND = 30.0
 """Standard deviations of the noise by the prior's ones in a first fit, whose residuals are errors of the parameters."""
+LEAST = np.array([0.0 if name in (*FIRST, "drag_z_per_mass") else -np.inf for name in NAMES])
+"""Least values. With a drag below zero, which pushes, the height of a window grows out of all bounds."""
 FIXED = 1e-5
 """Spread of a prior below which a parameter is held."""
 

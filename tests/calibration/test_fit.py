@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from heli_twin.calibration.calibrate import _is_open
-from heli_twin.calibration.fit import _turns_back
+from heli_twin.calibration.fit import _bounded, _turns_back
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD
 
 
@@ -52,3 +52,18 @@ def test_an_effect_stays_if_it_is_believed_and_not_contradicted(found, believed,
         sandwich=covariance,
     )
     assert _is_open(fitted, "ground_effect", expected) == is_open
+
+
+def test_a_step_keeps_to_the_bound_and_takes_the_others_along():
+    n = len(NAMES)
+    i, j = INDEX["drag_z_per_mass"], INDEX["thrust_lag"]
+    covariance = np.eye(n)
+    covariance[i, j] = covariance[j, i] = 0.5
+    theta, step = np.zeros(n), np.zeros(n)
+    theta[i], step[i], step[j] = 0.2, -0.5, 1.0
+    problem, state = SimpleNamespace(spread=SPREAD), SimpleNamespace(theta=theta)
+    bounded = _bounded(problem, state, covariance, step)
+    # The mean of a normal distribution under the condition that the drag is zero.
+    assert bounded[i] == pytest.approx(-0.2)
+    assert bounded[j] == pytest.approx(1.0 + 0.5 * 0.3)
+    assert np.array_equal(_bounded(problem, state, covariance, -step), -step)
