@@ -48,9 +48,14 @@ def lost(log: "Log") -> str:
     from heli_twin.experiment.tree import ExperimentError
     from heli_twin.logbook import viewed_experiment
 
-    missing = [f"{1e-9 * (b - a):.2f} s from {1e-9 * a:.2f} s on" for a, b in _gaps(log)]
+    flights = {f"{name}: ": log.ship(name) for name in log.ships} or {"": log}
+    missing = [
+        f"{name}{1e-9 * (b - a):.2f} s from {1e-9 * a:.2f} s on"
+        for name, each in flights.items()
+        for a, b in _gaps(each)
+    ]
     try:
-        left = viewed_experiment(log).duration - 1e-9 * _end(log)
+        left = viewed_experiment(next(iter(flights.values()))).duration - 1e-9 * _end(log)
     except ExperimentError:
         left = 0.0
     if log.outcome == "interrupted":

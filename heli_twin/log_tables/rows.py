@@ -9,11 +9,13 @@ import numpy as np
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.differences import fly_words
+from heli_twin.experiment.several_text import parsed_several, several_from_json
 from heli_twin.experiment.tree import ExperimentError, Tree, parsed, tree_of
 from heli_twin.logbook import viewed_experiment
 from heli_twin.metrics.flat import flat
 from heli_twin.metrics.measures import measures
 from heli_twin.metrics.motion import statistics
+from heli_twin.metrics.several import pooled_metrics
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log, LogError, read_log
 from heli_twin.recording.head import read_head
@@ -76,8 +78,8 @@ def head_row(path: Path) -> LogRow:
         problem = str(error)
     facts |= {
         "started": log.metadata.get("started") or None,
-        "trajectory": _kind(log.experiment, "trajectory"),
-        "controller": _kind(log.experiment, "controller"),
+        "trajectory": f"{len(log.ships)} helicopters" if log.ships else _kind(log.experiment, "trajectory"),
+        "controller": _room_kind(log.experiment) if log.ships else _kind(log.experiment, "controller"),
         "origin": log.origin,
         "changes": words,
         "outcome": log.outcome,
@@ -105,12 +107,25 @@ def _kind(experiment: str, part: str) -> str | None:
     return kind if isinstance(kind, str) else None
 
 
+def _room_kind(experiment: str) -> str | None:
+    """The coordination of several helicopters."""
+    try:
+        kind = parsed_several(experiment)["coordination"]["kind"]
+    except (ExperimentError, LookupError, TypeError):
+        return None
+    return kind if isinstance(kind, str) else None
+
+
 def measured(row: LogRow) -> LogRow:
     """A row with its errors, effort and computing times, which need a pass over the messages."""
     if row.facts["outcome"] == UNREADABLE:
         return row
     try:
-        log = read_log(row.path, TOPICS)
+        log = read_log(row.path, (*TOPICS, "/path", "/planning"))
+        if log.ships:
+            with np.errstate(all="ignore"):
+                found = pooled_metrics(log, several_from_json(log.experiment).fleet())
+            return row._replace(facts=row.facts | _without_outcome(found))
         if not log.messages.get("/truth", NOTHING).times:
             log = read_log(row.path, (*TOPICS, "/mocap/pose"))
         controller = viewed_experiment(log).controller if row.experiment else None
@@ -121,8 +136,11 @@ def measured(row: LogRow) -> LogRow:
         return row._replace(
             facts=row.facts | {"outcome": UNREADABLE, "problem": str(error).removeprefix(f"{row.path} ")}
         )
-    kept = {key: value for key, value in found.items() if key not in ("outcome", "duration", "settling")}
-    return row._replace(facts=row.facts | kept)
+    return row._replace(facts=row.facts | _without_outcome(found))
+
+
+def _without_outcome(found: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in found.items() if key not in ("outcome", "duration", "settling")}
 
 
 @cache

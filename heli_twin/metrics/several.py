@@ -12,8 +12,12 @@ import numpy as np
 
 from controllers.coordinations import CommittedPlan
 from controllers.signals import Array
-from controllers.trajectories import Trajectory
+from controllers.trajectories import Trajectory, fitted
+from heli_twin.experiment import Experiment
+from heli_twin.metrics.flat import flat
+from heli_twin.metrics.measures import measures
 from heli_twin.metrics.motion import in_seconds, motion
+from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log
 
 ARRIVED_M = 0.15
@@ -190,6 +194,27 @@ def several_metrics(log: Log, wishes: Mapping[str, Trajectory]) -> dict[str, Any
         "refused_plans": sum(turn.outcome == "refused" for turn in turns),
         "messages": sum(turn.sent for turn in turns),
     }
+
+
+def pooled_metrics(log: Log, fleet: Mapping[str, Experiment]) -> dict[str, Any]:
+    """The metrics of all helicopters as one table: those of the room, and of each that one flight has the largest.
+
+    Args:
+        log: Of all.
+        fleet: What each flew, by name.
+    """
+    each = [
+        flat(metrics(log.ship(name))) | flat(measures(log.ship(name), fleet[name].controller))
+        for name in log.ships
+        if name in fleet
+    ]
+    row: dict[str, Any] = {}
+    for key in dict.fromkeys(key for of_one in each for key in of_one):
+        values = [value for of_one in each if isinstance(value := of_one.get(key), int | float)]
+        row[key] = max(values) if len(values) == len(each) else None
+    wishes = {name: fitted(e.trajectory, e.controller.model) for name, e in fleet.items()}
+    together = flat(several_metrics(log, wishes))
+    return row | {key: " ".join(value) if isinstance(value, list) else value for key, value in together.items()}
 
 
 def _greatest(times: Sequence[float | None]) -> float | None:

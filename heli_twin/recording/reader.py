@@ -14,7 +14,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from controllers.markers import checked_name
 from heli_twin.recording.log import OUTCOMES, Attachment, Ending, Log, Messages, ShipRecord
-from heli_twin.recording.schema import EXPERIMENT, FORMAT, SHIPS, TOPICS, LogError, unsealed
+from heli_twin.recording.schema import EXPERIMENT, FORMAT, SHIP_WIRES, SHIPS, TOPICS, LogError, unsealed
 from heli_twin.recording.unpacking import (
     DAMAGE,
     MESSAGE,
@@ -158,7 +158,7 @@ class _Contents:
         """The log, once all records were added."""
         check_format(self._metadata.get("heli_twin"))
         ships = ships_of(self._metadata)
-        known = [topic.name for topic in TOPICS] + [*self._channels.values()]
+        known = [topic.name for topic in TOPICS + SHIP_WIRES] + [*self._channels.values()]
         unknown = next((topic for topic in self._topics or () if topic not in known), None)
         if unknown is not None:
             raise LogError(f"has no topic {instead(unknown, known[: len(TOPICS)])}")

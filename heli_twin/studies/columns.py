@@ -4,12 +4,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, Literal
 
-from controllers.trajectories import fitted
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.several import Several
 from heli_twin.metrics.flat import flat
 from heli_twin.metrics.measures import measures
-from heli_twin.metrics.several import several_metrics
+from heli_twin.metrics.several import pooled_metrics, several_metrics
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log
 from heli_twin.requirements import Requirement, Verdict, judge
@@ -49,26 +48,11 @@ def columns_of_several(log: Log, several: Several, requirements: Sequence[Requir
     Of a metric that each helicopter has, it is the largest of all; of a requirement, the verdict on the one that is
     nearest to breaking it.
     """
-    row = _of_several(log, several)
+    row = pooled_metrics(log, several.fleet())
     row = {"outcome": log.outcome, "outcome_text": log.ending.text} | {k: v for k, v in row.items() if k != "outcome"}
     if requirements:
         row |= _judged(row, _tightest([judge(requirements, log.ship(name)) for name in log.ships]))
     return row | _provenance(log, row.pop("duration", None))
-
-
-def _of_several(log: Log, several: Several) -> dict[str, Any]:
-    fleet = several.fleet()
-    each = [
-        flat(metrics(log.ship(name))) | flat(measures(log.ship(name), e.controller))
-        for name, e in fleet.items()
-        if name in log.ships
-    ]
-    row: dict[str, Any] = {}
-    for key in dict.fromkeys(key for metrics_of_one in each for key in metrics_of_one):
-        values = [value for one in each if isinstance(value := one.get(key), int | float)]
-        row[key] = max(values) if len(values) == len(each) else None
-    together = flat(several_metrics(log, {name: fitted(e.trajectory, e.controller.model) for name, e in fleet.items()}))
-    return row | {key: " ".join(value) if isinstance(value, list) else value for key, value in together.items()}
 
 
 def _tightest(of_each: Sequence[Mapping[str, Verdict]]) -> dict[str, Verdict]:

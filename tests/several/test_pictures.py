@@ -105,6 +105,23 @@ def test_the_commands_tell_of_all_and_of_each(path: Path, capsys: pytest.Capture
     assert "identical" in capsys.readouterr().out
 
 
+def test_tables_of_logs_have_a_row_for_all(path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["ls", str(path.parent), "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row["trajectory"] == "4 helicopters"
+    assert row["controller"] == "none"
+    assert row["changes"][0] == "swap4"
+    assert row["least_distance"] < 0.19
+
+
+def test_a_recovered_log_tells_what_each_lost(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    part = tmp_path / "room.mcap.part"
+    part.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert main(["recover", str(part)]) == 0
+    assert "how the flight ended" in capsys.readouterr().out
+    assert main(["refly", str(tmp_path / "room.mcap")]) == 0
+
+
 def test_fly_prints_what_programs_need(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     require = tmp_path / "apart.toml"
     require.write_text('[requirements]\napart = "always distance > 0.25 m"\n')
