@@ -15,7 +15,7 @@ from heli_twin.studies.designs.boundary import places_and_scores, response
 from heli_twin.studies.designs.grid import Grid
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import plan_of
-from heli_twin.studies.report import write_report
+from heli_twin.studies.report import progress, write_report
 from heli_twin.studies.results import rows_of
 from heli_twin.studies.straddle import fitted, next_places, share_above, spread_places
 from heli_twin.studies.study import load_study, study_of
@@ -153,6 +153,7 @@ def test_a_study_is_the_same_in_one_go_and_in_two_and_its_page_tells_it(tmp_path
 
     with pytest.raises(Stopped):
         run_study(study_of(TREE), tmp_path / "two", backend=Dies, work=stops)
+    assert "Boundary" in [section.title for section in progress._parts(tmp_path / "two")]
     again = run_study(study_of(TREE), tmp_path / "two", backend=InProcess, work=rough)
     assert again.flown == 2 * 26 - 41
     one, two = (rows_of(tmp_path / name) for name in ("one", "two"))

@@ -13,6 +13,7 @@ from heli_twin.reporting.figure import Figure, Table
 from heli_twin.reporting.html_page import Section, html_page, table_section
 from heli_twin.reporting.svg import write_svg
 from heli_twin.studies.campaign import StudyProgress
+from heli_twin.studies.report.boundary import boundary
 from heli_twin.studies.report.ladder import ladder
 from heli_twin.studies.report.maps import maps
 from heli_twin.studies.report.results import Results, results_of
@@ -28,7 +29,14 @@ FIRST_S = 5.0
 """A study that is over sooner needs no such page."""
 MAX_TIME_SHARE = 0.03
 """Greatest share of the time that pages take: they are made by the process that hands out the flights."""
-SECTIONS: tuple[Callable[[Results], Iterator[Figure | Table]], ...] = (verdict, ladder, tornado, maps, worst)
+SECTIONS: tuple[Callable[[Results], Iterator[Figure | Table]], ...] = (
+    verdict,
+    ladder,
+    tornado,
+    maps,
+    boundary,
+    worst,
+)
 
 
 class ProgressPage:
