@@ -43,7 +43,7 @@ class Effort(NamedTuple):
     """m/s^2 or rad/s^2."""
     w_a: float = 0.02
     """Weight of an acceleration."""
-    w_j: float = 0.0005
+    w_j: float = 0.01
     """Weight of a jerk."""
 
 

@@ -28,6 +28,7 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 from controllers.coordinations import CommittedPlan, Message, Note, Outcome, Ship
 from controllers.pace import paced, smooth_start
 from controllers.plan_qp import Effort, HalfSpaces, PlanQp
+from controllers.rotations import rotate_to_world
 from controllers.separation import FINE, bend_of, distances, fine_path, knots_from, reach
 from controllers.signals import Array, Estimate, nanoseconds
 from controllers.splines import quintic
@@ -35,14 +36,24 @@ from controllers.trajectories import Trajectory
 
 WISH_STEPS = 4
 """Steps of the wish before the stop: the laws look 0.4 s ahead, and must not see a stop that is put off again."""
-JOIN_STEPS = 6
-"""Steps in which a plan goes over into the wish."""
+JOIN_STEPS = 10
+"""Steps in which a plan goes over into the wish: in fewer, it needs a jerk that shakes the helicopter."""
+JOIN_LONGER = 4
+"""Steps by which such a plan is longer than the others: it must stop from the wish too."""
 ALLOWANCE = 1.5
 """The wish may need this multiple of the limits on plans: it is flown as it is where it is clear."""
 FREE, JOINS = "", "back to its wish"
 """Reasons in the note of a turn in which the wish is clear."""
 NEAR_M = 0.1
 """Who is nearer to where it wants to be asks nobody to step aside."""
+RIGHT_RAD = 0.7
+"""How far to the right of its way who has no way ahead goes: with 1.2 rad some circle for ever."""
+AHEAD_M, AHEAD_SHARE = 1.0, 0.5
+"""Who comes ahead by less than this share of this length, or of the rest of its way, has no way ahead."""
+HASTE = 2.0
+"""Who is in danger may need this multiple of the acceleration of plans."""
+SEEN_NS = 300_000_000
+"""Age of a pose up to which the estimate says where the helicopter is; later, it is where it was planned to be."""
 TO_AND_FRO = 5
 """Who has stayed within `NEAR_M` for this multiple of its patience stands too."""
 BETWEEN_M = 0.012
@@ -66,7 +77,7 @@ class Sequential:
     ] = 0.002
     steps: Annotated[int, Ge(12), Le(60), doc("periods that a plan is long")] = 20
     speed: Annotated[float, Gt(0), Le(3), Unit("m/s"), doc("limit of plans, north and west")] = 1.0
-    acceleration: Annotated[float, Gt(0), Le(2), Unit("m/s^2"), doc("limit of plans, north and west")] = 1.0
+    acceleration: Annotated[float, Gt(0), Le(2), Unit("m/s^2"), doc("limit of plans, north and west")] = 0.7
     turn: Annotated[float, Ge(0), Le(1), Unit("rad"), doc("how far half-spaces are turned, so that all pass right")] = (
         0.35
     )
@@ -117,11 +128,11 @@ class Scene(NamedTuple):
     first: int
     """Index g of the knot from which on a plan can be new; plans begin a knot earlier."""
     old: Array
-    """(N + 2, 3, 4) knots of the own committed plan from g - 1 on."""
+    """(L + 2, 3, 4) knots of the own committed plan from g - 1 on."""
     names: list[str]
     """Of the others."""
     knots: Array
-    """(j, N + 2, 2) positions of the others."""
+    """(j, L + 2, 2) positions of the others."""
     paths: Array
     """(j, t, 2) positions of the others, `FINE` in each step."""
     wide: Array
@@ -141,8 +152,11 @@ class SequentialPlanner:
         self._wish = ships[self._index].wish
         self._step, self._h = nanoseconds(spec.period), spec.period
         self._round = max(self._step, nanoseconds(spec.hearing) * len(ships))
+        self._length = spec.steps + JOIN_LONGER
+        """Steps of the longest plan, L."""
         self._bend = bend_of(ALLOWANCE * spec.acceleration, spec.period)
         self._plane = PlanQp(spec.steps, spec.period, 2, Effort(spec.speed, spec.acceleration))
+        self._escape = PlanQp(spec.steps, spec.period, 2, Effort(spec.speed, HASTE * spec.acceleration, 0.002, 0.0))
         self._height = PlanQp(spec.steps, spec.period, 1, Effort(0.5, 1.0))
         self._heading = PlanQp(spec.steps, spec.period, 1, Effort(2.0, 6.0))
         first = self._before_take_off(ships)
@@ -170,15 +184,15 @@ class SequentialPlanner:
 
     def _before_take_off(self, ships: Sequence[Ship]) -> dict[str, CommittedPlan]:
         """The plans that all have committed at time 0: the wish and a stop, or to stay, where wishes are too near."""
-        N = self._spec.steps
-        plans = {s.name: CommittedPlan(0, self._step, self._wished(s.wish, 0, N + 2, WISH_STEPS)) for s in ships}
+        count = self._length + 2
+        plans = {s.name: CommittedPlan(0, self._step, self._wished(s.wish, 0, count, WISH_STEPS)) for s in ships}
         waits = True
         while waits and (pairs := self._too_near(plans)):
             waits = False
             for name in {each for pair in pairs for each in pair}:
                 knots = plans[name].knots
                 if not knots[0, 1:].any() and not np.array_equal(knots[0], knots[-1]):
-                    plans[name], waits = plans[name]._replace(knots=np.repeat(knots[:1], N + 2, axis=0)), True
+                    plans[name], waits = plans[name]._replace(knots=np.repeat(knots[:1], count, axis=0)), True
         for one, other in self._too_near(plans):
             apart = float(np.hypot(*(plans[one].knots[0, 0, :2] - plans[other].knots[0, 0, :2])))
             raise ValueError(
@@ -233,21 +247,27 @@ class SequentialPlanner:
         if is_flying:
             told = self._fly(scene, told)
         else:
-            place = scene.old[1, 0] if estimate is None else estimate.x[:4]
-            stay = np.zeros_like(scene.old)
-            stay[:, 0] = place
-            self.committed = CommittedPlan((scene.first - 1) * self._step, self._step, stay)
+            stop = self._stop(scene.old[1] if _is_blind(now, estimate) else _state(estimate), self._spec.acceleration)
+            self.committed = CommittedPlan((scene.first - 1) * self._step, self._step, stop)
             self.note = Note("committed", "stays where its supervisor has taken it")
         return self._messages(now, told._replace(plan=self.committed))
 
+    def _stop(self, state: Array, acceleration: float) -> Array:
+        """Return knots (L + 2, 3, 4) of a straight way from a state (3, 4) to rest, at up to 1.5 accelerations."""
+        length = max(0.3, float(np.abs(state[1, :3]).max()) / acceleration)
+        rest = np.stack([state[0] + 0.5 * length * state[1], np.zeros(4), np.zeros(4)])
+        ends = np.stack([state, rest])
+        t = self._h * np.arange(self._length + 2)
+        return np.stack(quintic(t, np.array([0.0, length]), *np.moveaxis(ends, 1, 0)), axis=1)
+
     def _scene(self) -> Scene:
-        spec, N = self._spec, self._spec.steps
+        spec, L = self._spec, self._length
         g = self._departs(self._index, self._turn)
         names = [name for name in self._names if name != self._name]
         heard = [self._heard[name] for name in names]
-        knots = np.array([knots_from(told.plan, g - 1, N + 2)[:, :, :2] for told in heard]).reshape(-1, N + 2, 3, 2)
+        knots = np.array([knots_from(told.plan, g - 1, L + 2)[:, :, :2] for told in heard]).reshape(-1, L + 2, 3, 2)
         paths = fine_path(knots, self._h)
-        old = knots_from(self.committed, g - 1, N + 2)
+        old = knots_from(self.committed, g - 1, L + 2)
         wide = np.full((len(names), paths.shape[1] - 1), spec.distance)
         in_danger = np.zeros(len(names), bool)
         for j in np.flatnonzero([told.is_down for told in heard]):
@@ -265,7 +285,7 @@ class SequentialPlanner:
             if told.turn < newest:
                 unheard.append(name)
                 parts = self._h * self._departs(index, told.turn + 1)
-                rests = self._h * (self._departs(index, newest) + N)
+                rests = self._h * (self._departs(index, newest) + L)
                 wide[j] += reach(t - parts, rests - parts, ALLOWANCE * spec.acceleration)
         return Scene(g, old, names, knots[:, :, 0], paths, wide, in_danger, unheard)
 
@@ -304,7 +324,8 @@ class SequentialPlanner:
 
     def _choose(self, scene: Scene, target: Array, is_free: bool) -> tuple[Outcome, str, int]:
         """Commit the first candidate that is clear; return the outcome, its reason and ProxQP's iterations."""
-        old_room = self._room(scene, scene.old)
+        if scene.in_danger.any():
+            return self._save(scene)
         outcome: Outcome = "refused"
         reason, iterations = "", 0
         for what, knots, count in self._candidates(scene, target, is_free):
@@ -313,7 +334,7 @@ class SequentialPlanner:
                 reason = "no solution"
                 continue
             room = self._room(scene, knots)
-            if (room >= 0.0).all() or (scene.in_danger.any() and _escapes(room, old_room, scene.in_danger)):
+            if (room >= 0.0).all():
                 if not np.array_equal(knots, scene.old):
                     self.committed = CommittedPlan((scene.first - 1) * self._step, self._step, knots)
                 return "committed", what, iterations
@@ -321,6 +342,33 @@ class SequentialPlanner:
             outcome = "kept" if worst in scene.unheard else "refused"
             reason = f"no current plan of {worst}" if worst in scene.unheard else f"too near {worst}"
         return outcome, reason, iterations
+
+    def _save(self, scene: Scene) -> tuple[Outcome, str, int]:
+        """Commit what comes least near to one that has left its plan and lies ahead; return as `_choose` does.
+
+        It is near to no other than before: either it keeps its distance, or it keeps the old plan.
+        """
+        old = scene.old[1 : self._spec.steps + 2]
+        danger = scene.knots[scene.in_danger, 1].mean(axis=0)
+        away = old[0, 0, :2] - danger
+        target = np.tile(old[0, 0, :2] + 0.5 * away / max(float(np.hypot(*away)), 1e-6), (len(old) - 1, 1))
+        near, iterations = self._near(scene, scene.old, 0.4), 0
+        best, room = scene.old, self._room(scene, scene.old)[scene.in_danger].min()
+        stop = self._stop(scene.old[1], HASTE * self._spec.acceleration)
+        candidates = [np.concatenate([scene.old[:1], stop[:-1]])]
+        for each in (near, near & ~scene.in_danger):
+            plane = self._escape(old[:, :, :2], target, self._half_spaces(scene, each))
+            iterations += self._escape.iterations
+            if plane is not None:
+                candidates.append(self._whole(scene, np.concatenate([plane, old[:, :, 2:]], axis=2)))
+        for knots in candidates:
+            rooms = self._room(scene, knots)
+            if (rooms[~scene.in_danger] >= 0.0).all() and rooms[scene.in_danger].min() > room + 1e-3:
+                best, room = knots, rooms[scene.in_danger].min()
+        if best is scene.old:
+            return "kept", "in danger", iterations
+        self.committed = CommittedPlan((scene.first - 1) * self._step, self._step, best)
+        return "committed", "in danger", iterations
 
     def _room(self, scene: Scene, knots: Array) -> Array:
         """(j,) least distance to each other beyond that to keep, m."""
@@ -330,14 +378,11 @@ class SequentialPlanner:
 
     def _candidates(self, scene: Scene, target: Array, is_free: bool) -> Iterator[tuple[str, Array | None, int]]:
         """Yield what it is, knots from g - 1 on, and iterations: the wish, a way back to it, and a plan."""
-        N, g = self._spec.steps, scene.first
+        g = scene.first
         if is_free:
-            wished = self._wished(self._wish, g, N + 1, WISH_STEPS)
-            on_it = bool(np.allclose(wished[0], scene.old[1], rtol=0.0, atol=1e-9))
-            if not on_it:
-                wished = self._joined(scene.old[1], self._wished(self._wish, g, N + 1, JOIN_STEPS))
+            what, wished = self._towards_the_wish(scene.old, g)
             if self._is_within_limits(wished):
-                yield (FREE if on_it else JOINS), np.concatenate([scene.old[:1], wished]), 0
+                yield what, self._whole(scene, wished), 0
         near = self._near(scene, scene.old, 0.4)
         target = self._beside(scene, target)
         while True:
@@ -350,18 +395,34 @@ class SequentialPlanner:
                 return
             near = more
 
+    def _whole(self, scene: Scene, knots: Array) -> Array:
+        """Put the knot before knots (k, 3, 4) from g on, and rest after them: (L + 2, 3, 4)."""
+        rest = np.zeros((self._length + 1 - len(knots), 3, 4))
+        rest[:, 0] = knots[-1, 0]
+        return np.concatenate([scene.old[:1], knots, rest])
+
     def _is_within_limits(self, knots: Array) -> bool:
         most = ALLOWANCE * np.array([self._spec.speed, self._spec.acceleration])
         return bool((np.abs(knots[:, 1:, :2]) <= most[:, None] + 1e-9).all())
 
-    def _joined(self, state: Array, wished: Array) -> Array:
-        """Replace the knots before `JOIN_STEPS` by one polynomial from a state (3, 4)."""
-        ends = np.stack([state, wished[JOIN_STEPS]])
-        t = self._h * np.arange(JOIN_STEPS)
-        way = quintic(t, self._h * np.array([0.0, JOIN_STEPS]), *np.moveaxis(ends, 1, 0))
-        joined = np.concatenate([np.stack(way, axis=1), wished[JOIN_STEPS:]])
-        joined[0] = state
-        return joined
+    def _towards_the_wish(self, old: Array, g: int) -> tuple[str, Array]:
+        """Return what it is, and knots from g on: the wish and a stop, after what is left of the way to the wish."""
+        N, L = self._spec.steps, self._length
+        wish = np.stack(self._wish.flat(self._h * (g + np.arange(JOIN_STEPS + 1))), axis=1)
+        met = np.abs(wish - old[1 : JOIN_STEPS + 2]).max(axis=(1, 2)) < 1e-9
+        if met[0]:
+            return FREE, self._wished(self._wish, g, N + 1, WISH_STEPS)
+        if met.any():
+            steps = max(int(met.argmax()), WISH_STEPS)
+            way = old[1 : met.argmax() + 1]
+        else:
+            steps, t = JOIN_STEPS, self._h * np.arange(JOIN_STEPS)
+            ends = np.stack([old[1], wish[JOIN_STEPS]])
+            joins = quintic(t, self._h * np.array([0.0, JOIN_STEPS]), *np.moveaxis(ends, 1, 0))
+            # The first knot as it is, to the last digit.
+            way = np.concatenate([old[1:2], np.stack(joins, axis=1)[1:]])
+        wished = self._wished(self._wish, g, min(steps + N - WISH_STEPS, L) + 1, steps)
+        return JOINS, np.concatenate([way, wished[len(way) :]])
 
     def _near(self, scene: Scene, knots: Array, further: float) -> Array:
         """(j,) who comes nearer than the distance to keep and a `further` one."""
@@ -369,7 +430,7 @@ class SequentialPlanner:
 
     def _planned(self, scene: Scene, target: Array, near: Array) -> tuple[Array | None, int]:
         """Solve the QPs of a plan behind half-spaces against those that are near."""
-        old = scene.old[1:]
+        old = scene.old[1 : self._spec.steps + 2]
         plane = self._plane(old[:, :, :2], target[:, :2], self._half_spaces(scene, near))
         iterations = self._plane.iterations
         if plane is None:
@@ -383,7 +444,7 @@ class SequentialPlanner:
                 if planned is None:
                     return None, iterations
                 knots[:, :, axis : axis + 1] = planned
-        return np.concatenate([scene.old[:1], knots]), iterations
+        return self._whole(scene, knots), iterations
 
     def _half_spaces(self, scene: Scene, near: Array) -> HalfSpaces | None:
         """Lines between the old plan and the plans of those that are near, turned so that all pass on the right.
@@ -393,10 +454,10 @@ class SequentialPlanner:
         N, k = self._spec.steps, np.arange(1, self._spec.steps + 1)
         sides: list[tuple[Array, Array, Array]] = []
         for j in np.flatnonzero(near):
-            there = scene.knots[j, 2:]
-            away = scene.old[2:, 0, :2] - there
-            # At the end of the chord before the knot and at the start of the one after it.
-            keep = scene.wide[j, FINE - 1 :: FINE][1:] + BETWEEN_M
+            there = scene.knots[j, 2 : N + 2]
+            away = scene.old[2 : N + 2, 0, :2] - there
+            # Of the chord before each knot.
+            keep = scene.wide[j, FINE - 1 :: FINE][1 : N + 1] + BETWEEN_M
             if scene.in_danger[j]:
                 away = np.tile(scene.old[1, 0, :2] - scene.knots[j, 1], (N, 1))
             apart = np.maximum(np.hypot(*away.T), 1e-6)
@@ -408,7 +469,7 @@ class SequentialPlanner:
             if scene.in_danger[j]:
                 # As hard as it can brake, and then away.
                 t, closing = self._h * k, (normals * scene.old[1, 1, :2]).sum(axis=1)
-                kept += closing * t + 0.4 * self._spec.acceleration * t**2
+                kept += closing * t + 0.4 * HASTE * self._spec.acceleration * t**2
             keep = np.minimum(keep, kept)
             sides.append((k, normals, (normals * there).sum(axis=1) + keep))
         return HalfSpaces(*map(np.concatenate, zip(*sides, strict=True))) if sides else None
@@ -468,7 +529,7 @@ class SequentialPlanner:
                 first, shortest = (name, centre, radius, sideways), ahead
         if first is None:
             self._goes_round = None
-            return target
+            return self._to_the_right(scene, target, way, length)
         name, centre, radius, sideways = first
         side = -1.0 if sideways > -0.02 else 1.0
         if self._goes_round and self._goes_round[0] == name:
@@ -480,6 +541,29 @@ class SequentialPlanner:
         beside = here + min(length, apart + 0.3) * np.array([np.cos(angle), np.sin(angle)])
         return np.concatenate([np.tile(beside, (len(target), 1)), target[:, 2:]], axis=1)
 
+    def _to_the_right(self, scene: Scene, target: Array, way: Array, length: float) -> Array:
+        """Return a target to the right of the way where those that move leave no way ahead: all go round each other."""
+        ahead = float((scene.old[-1, 0, :2] - scene.old[1, 0, :2]) @ way) / length
+        if ahead >= AHEAD_SHARE * min(length, AHEAD_M):
+            return target
+        c, s = np.cos(RIGHT_RAD), np.sin(RIGHT_RAD)
+        aside = np.array([c * way[0] + s * way[1], c * way[1] - s * way[0]])
+        beside = scene.old[1, 0, :2] + min(1.0, 1.0 / length) * aside
+        return np.concatenate([np.tile(beside, (len(target), 1)), target[:, 2:]], axis=1)
+
+
+def _is_blind(now: int, estimate: Estimate | None) -> bool:
+    return estimate is None or now - estimate.pose_stamp > SEEN_NS
+
+
+def _state(estimate: Estimate | None) -> Array:
+    """Position, velocity in the world and no acceleration of an estimate, (3, 4)."""
+    state = np.zeros((3, 4))
+    if estimate is not None:
+        state[0], state[1] = estimate.x[:4], estimate.x[4:8]
+        state[1, :2] = rotate_to_world(estimate.x[4:6], estimate.x[3])
+    return state
+
 
 def _seen_from(start: Array, goal: tuple[float, float], here: Array) -> tuple[float, float, Array]:
     """Return how far ahead and to the left of a way a point is, m, and the direction (2,) of the way."""
@@ -487,8 +571,3 @@ def _seen_from(start: Array, goal: tuple[float, float], here: Array) -> tuple[fl
     along /= max(float(np.hypot(*along)), 1e-9)
     x, y = here - start
     return float(x * along[0] + y * along[1]), float(y * along[0] - x * along[1]), along
-
-
-def _escapes(room: Array, old_room: Array, danger: Array) -> bool:
-    """Return whether a plan has more room than the old one from those that land, and enough from the others."""
-    return bool((room[~danger] >= 0.0).all() and room[danger].min() > old_room[danger].min() + 1e-3)

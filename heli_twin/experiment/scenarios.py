@@ -26,8 +26,10 @@ Height = Annotated[float, Gt(0), Unit("m"), doc("of all, above the floor")]
 Speed = Annotated[float, Gt(0), Unit("m/s"), doc("greatest that is wished")]
 Acceleration = Annotated[float, Gt(0), Unit("m/s^2"), doc("greatest that is wished")]
 
-PEAK_SPEED, PEAK_ACCELERATION = 1.875, 10.0 / 3.0**0.5
+PEAK_SPEED, PEAK_ACCELERATION, PEAK_JERK = 1.875, 10.0 / 3.0**0.5, 60.0
 """Of a polynomial of degree five from rest to rest over the length 1 in the time 1."""
+MOST_JERK = 4.0
+"""m/s^3; 10 shakes the helicopter of the lab so that it swings for seconds."""
 
 
 class Scenario(Protocol):
@@ -199,7 +201,8 @@ def _direct(start: Array, goal: Array, speed: float, acceleration: float) -> Way
 
 def _time(length: float, speed: float, acceleration: float) -> float:
     """Return how long a straight flight from rest to rest takes, s; whole milliseconds, 0.1 s at least."""
-    shortest = max(PEAK_SPEED * length / speed, (PEAK_ACCELERATION * length / acceleration) ** 0.5, 0.1)
+    smooth = (PEAK_JERK * length / MOST_JERK) ** (1.0 / 3.0)
+    shortest = max(PEAK_SPEED * length / speed, (PEAK_ACCELERATION * length / acceleration) ** 0.5, smooth, 0.1)
     return np.ceil(1e3 * shortest).item() / 1e3
 
 

@@ -110,18 +110,21 @@ class Room:
             self.received[delivery.receiver] += 1
             self.stations[delivery.receiver].planner.receive(delivery.at, delivery.message)
         for name, station in self.stations.items():
-            if station.planner.due <= t < station.flight.end and name not in self.outcomes:
+            if station.planner.due <= t < station.flight.end:
                 self.plan(t, name, station)
 
     def plan(self, t: int, name: str, station: Station) -> None:
-        """Let a planner take its turn."""
+        """Let a planner take its turn; that of a flight which is over still tells the others where it lies."""
         flight, planner, before = station.flight, station.planner, station.planner.committed
         estimate: Estimate | None = flight.estimate
         began = perf_counter_ns()
-        messages = planner.act(t, estimate, flight.supervisor.phase in FOLLOWING)
+        is_over = name in self.outcomes
+        messages = planner.act(t, estimate, flight.supervisor.phase in FOLLOWING and not is_over)
         took = perf_counter_ns() - began
         for message in messages:
             self.network.send(t, message)
+        if is_over:
+            return
         station.wires.planning(t, planner.note, (len(messages), self.received[name]), took)
         self.received[name] = 0
         if planner.committed is not before:
@@ -138,9 +141,7 @@ class Room:
         some = next(iter(self.stations.values())).flight
         air = (self.now // disturbances.PERIOD_NS + 1) * disturbances.PERIOD_NS
         turns = [
-            some.on_grid(station.planner.due)
-            for name, station in self.stations.items()
-            if name not in self.outcomes and station.planner.due > self.now
+            some.on_grid(station.planner.due) for station in self.stations.values() if station.planner.due > self.now
         ]
         return some.on_grid(min([air, *turns]))
 

@@ -40,11 +40,13 @@ def test_what_is_clear_is_flown_as_it_is_wished():
 
 
 def test_who_had_to_go_round_is_back_on_its_wish():
-    meeting = meet({"a": Circle(radius=0.8, rate=0.6), "b": to((0.0, -1.4), (0.2, 1.5))}, 9.0)
+    wishes = {"a": Circle(radius=0.8, rate=0.6), "b": to((0.0, -1.4), (0.2, 1.5))}
+    meeting = meet(wishes, 9.0)
     assert meeting.least >= DISTANCE
     t = 0.01 * np.arange(900)
-    away = np.hypot(*(meeting.flown[:, 0] - Circle(radius=0.8, rate=0.6).flat(t).z[:, :3]).T[:2])
-    assert away.max() > 0.05, "nothing was in its way"
+    wished = np.stack([wish.flat(t).z[:, :3] for wish in wishes.values()], axis=1)
+    away = np.linalg.norm(meeting.flown - wished, axis=2)
+    assert away.max() > 0.05, "nothing was in the way"
     assert away[-100:].max() < 1e-6
 
 
@@ -82,13 +84,15 @@ def test_who_is_parked_in_the_way_steps_aside_and_comes_back():
 def test_others_keep_clear_of_one_that_lands():
     """In the middle of a swap one stops and stays; it is given a wider berth than one that flies its plan."""
     spec = Sequential()
-    meeting = meet(swap(4), 9.0, spec, flies=lambda name, t: name != "s0" or t < 2_000_000_000)
-    # It stops at once, which nobody promised.
-    assert meeting.least >= DISTANCE - 0.1
-    assert np.isfinite(meeting.arrival[1:]).all()
-    late = meeting.flown[600:]
+    meeting = meet(swap(4), 8.0, spec, flies=lambda name, t: name != "s0" or t < 1_500_000_000)
+    rest = meeting.flown[-1, 0, :2]
+    wide = spec.distance + spec.berth
+    # It brakes straight ahead, which nobody promised; the others brake twice as hard as they plan to. At 0.23 m a tail
+    # meets a rotor.
+    assert meeting.least > 0.25
     for i in (1, 2, 3):
-        assert np.hypot(*(late[:, i] - late[:, 0]).T[:2]).min() >= spec.distance + spec.berth - 0.01
+        assert np.isfinite(meeting.arrival[i]) == (np.hypot(*(meeting.goals[i] - rest)) > wide)
+        assert np.hypot(*(meeting.flown[500:, i, :2] - rest).T).min() >= wide - 0.02
 
 
 def test_old_news_replace_no_newer():
