@@ -268,20 +268,17 @@ def words_of(text: str) -> list[str]:
         text: Canonical JSON.
     """
     tree = parsed_several(text)
-    candidates = [
-        [name, *([] if base == "lab" else [f"base={base}"]), *_overrides(start, tree)]
-        for name, base, start in _starts()
-    ]
+    candidates = [[name, *base, *_overrides(start, tree)] for name, base, start in _starts()]
     return min(candidates, key=lambda words: len(" ".join(words)))
 
 
 @cache
-def _starts() -> list[tuple[str, str, Tree]]:
-    """Preset, base and tree of what a command can begin with."""
+def _starts() -> list[tuple[str, tuple[str, ...], Tree]]:
+    """Preset, another base than its own, and tree of what a command can begin with."""
     return [
-        (name, base, parsed_several(several_json(load_several(name, [f"base={base}"]))))
+        (name, base, parsed_several(several_json(load_several(name, base))))
         for name in presets("several")
-        for base in ("lab", "lab_simple")
+        for base in ((), ("base=lab",), ("base=lab_simple",))
     ]
 
 
