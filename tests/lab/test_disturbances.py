@@ -11,7 +11,7 @@ from heli_twin.experiment.families import members
 from heli_twin.experiment.text import load
 from heli_twin.experiment.tree import tree_of
 from heli_twin.lab import disturbances
-from heli_twin.lab.disturbances import together
+from heli_twin.lab.disturbances import ALONE, air_of, together
 from heli_twin.lab.disturbances.bias import Bias
 from heli_twin.lab.disturbances.doorway_jet import DoorwayJet
 from heli_twin.lab.disturbances.gust import Gust
@@ -29,8 +29,9 @@ def airs(spec, count=50, seed=0, u=(0.2, -0.1, 0.55, 0.05)):
     """What a disturbance does to one flight."""
     plant, member = Ideal().start(np.array([0, 0, 1.0, 0, 0, 0, 0, 0])), spec.start(np.random.default_rng(seed))
     found = []
+    blow = air_of(member)
     for k in range(1, count + 1):
-        air = member.air(plant.truth())
+        air = blow(plant.truth(), ALONE)
         found.append(air)
         plant.advance(k * disturbances.PERIOD_NS, np.array(u), air)
     return found
@@ -58,13 +59,13 @@ class TestEveryDisturbance:
     def test_leaves_two_flights_of_one_spec_alone(self, kind):
         spec = FAMILY[kind]()
         truth = HELICOPTER.truth()
-        first = spec.start(np.random.default_rng(0))
-        alone = [first.air(truth) for _ in range(5)]
-        first, second = spec.start(np.random.default_rng(0)), spec.start(np.random.default_rng(1))
+        first = air_of(spec.start(np.random.default_rng(0)))
+        alone = [first(truth, ALONE) for _ in range(5)]
+        first, second = (air_of(spec.start(np.random.default_rng(seed))) for seed in (0, 1))
         mixed = []
         for _ in range(5):
-            mixed.append(first.air(truth))
-            second.air(truth)
+            mixed.append(first(truth, ALONE))
+            second(truth, ALONE)
         np.testing.assert_array_equal([a.wind for a in alone], [a.wind for a in mixed])
 
     def test_is_switched_on_and_off_by_its_name(self, kind):

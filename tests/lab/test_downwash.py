@@ -1,0 +1,54 @@
+"""Helicopters blow on those below them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controllers.trajectories.hover import Hover
+from heli_twin.experiment.several import Several
+from heli_twin.experiment.text import load
+from heli_twin.lab.disturbances import downwash
+from heli_twin.lab.disturbances.downwash import Downwash, jet
+from heli_twin.several.fly import fly_several
+
+HERE = np.zeros(3)
+
+
+@pytest.fixture
+def _on_the_axis(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The jet at a point, not over the disc."""
+    monkeypatch.setattr(downwash, "DISC", np.zeros((1, 2)))
+
+
+@pytest.mark.usefixtures("_on_the_axis")
+@pytest.mark.parametrize(("above", "speed", "half"), [(0.5, 2.4, 0.12), (1.0, 1.8, 0.16)])
+def test_a_jet_is_that_of_its_source(above: float, speed: float, half: float):
+    assert jet(HERE, np.array([[0.0, 0.0, above]])) == pytest.approx(speed)
+    assert jet(HERE, np.array([[half, 0.0, above]])) == pytest.approx(0.5 * speed)
+    assert jet(HERE, np.array([[0.0, 1.0, above]])) < 0.02 * speed
+
+
+def test_only_those_above_blow_and_jets_add_up():
+    above, below = np.array([[0.05, 0.0, 0.5]]), np.array([[0.0, 0.0, -0.5]])
+    assert jet(HERE, below) == jet(HERE, np.zeros((0, 3))) == 0.0
+    assert jet(HERE, np.concatenate([above, below, above])) == pytest.approx(2.0 * jet(HERE, above))
+    # Over a disc the jet is weaker than on its axis, and it begins without a jump.
+    assert 1.5 < jet(HERE, np.array([[0.0, 0.0, 0.5]])) < 2.4
+    assert jet(HERE, np.array([[0.0, 0.0, 1e-6]])) < 1e-4
+
+
+def test_one_that_hovers_half_a_metre_above_another_sinks_it():
+    e = replace(load("lab_simple", ["disturbances.gust=off", "disturbances.bias=off"]), duration=2.0)
+    lowest: list[float] = []
+    for air in ((), (Downwash(),)):
+        ships = {
+            name: replace(e, trajectory=Hover(height=height), disturbances=air)
+            for name, height in (("low", 1.0), ("high", 1.5))
+        }
+        log = fly_several(Several(ships=ships), log_dir=None).log
+        assert log.ship("high").disturbance.thrust_factor.min() == 1.0
+        lowest.append(float(log.ship("low").truth.position[:, 2].min()))
+    without, with_jet = lowest
+    assert without > 0.99
+    assert 0.80 < with_jet < 0.95
