@@ -19,7 +19,7 @@ def effort(results: Results) -> Iterator[Figure]:
     if isinstance(results.study.design, RareEvent):
         # Its flights are no fair sample: most are from the tail.
         return
-    errs = "errs" if "error" in shown.name else f"has a {shown.name} of"
+    errs = "errs" if "error" in shown.name else f"its {shown.name} is"
     clouds, facts = [], []
     for place, name in enumerate(results.alternatives):
         mine = results.of(name)
