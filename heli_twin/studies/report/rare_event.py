@@ -74,8 +74,8 @@ def rare_event(results: Results) -> Iterator[Figure | Table]:
     rows = [row for each in found for row in _least_rows(each, results)]
     if rows:
         noise = (
-            "The mean of all failures, scaled until it just fails: near the most likely failure, and no smaller change"
-            " was found. Nominal is no noise and the middle of every axis; usual noise is 1."
+            "The mean of all failures, scaled until it just fails: near the most likely failure, and an upper limit of"
+            " the least change. Nominal is no noise and the middle of every axis; usual noise is 1."
             " If as large a change in a random direction seldom fails, its direction matters and not its size."
         )
         yield Table("The least change that fails", noise, LEAST_HEADER, rows, codes=(4,))
