@@ -193,7 +193,9 @@ class SafetySupervisor:
         self._place, self._speed = x[:4].copy(), float(x[6])
 
     def _has_landed_as_planned(self, now: int, estimate: Estimate | None, plan: Reference) -> bool:
-        is_planned = bool((plan.x[:, 2] <= self._spec.floor + 0.002).all())
+        on_floor = self._spec.floor + 0.002
+        # The first row tells nearly always; all of them take a hundredth of a flight.
+        is_planned = float(plan.x[0, 2]) <= on_floor and bool((plan.x[:, 2] <= on_floor).all())
         if not is_planned:
             self._standing_since = self._planned_down_since = None
         elif self._planned_down_since is None:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le, Unit, doc
 
+from controllers.signals import Array
 from heli_twin.lab.plant import Battery
 from heli_twin.lab.plant.effects import Physics, Updates
 
@@ -46,14 +47,15 @@ class BatterySpec:
 
     def start(self, physics: Physics) -> Updates:
         """Begin under the load of hovering."""
-        return Updates(every_period=BatteryInFlight(self, float(physics.trim[2])).discharge)
+        return Updates(every_period=BatteryInFlight(self, float(physics.trim[2]), physics.data.act).discharge)
 
 
 class BatteryInFlight:
     """The battery of one flight."""
 
-    def __init__(self, spec: BatterySpec, hover: float) -> None:
-        self._spec, self._hover = spec, hover
+    def __init__(self, spec: BatterySpec, hover: float, actuators: Array) -> None:
+        # The actuators are a view: to look them up takes as long as a physics step.
+        self._spec, self._hover, self._actuators = spec, hover, actuators
         self._charge = spec.charge
         # A cell of so great a resistance that hovering takes all its voltage gives no thrust, instead of no number.
         self._nominal = max(open_voltage(1.0) - spec.resistance * (spec.idle_current + spec.hover_current), 1.0)
@@ -65,7 +67,7 @@ class BatteryInFlight:
         """Draw the current of the coming period."""
         spec = self._spec
         if self._factor:
-            thrust = max(float(physics.data.act[2]), 0.0) * self._factor
+            thrust = max(float(self._actuators[2]), 0.0) * self._factor
         else:
             # At the start, the thrust of the trim that all effects together need.
             thrust = 0.0 if physics.stands else float(physics.trim[2])

@@ -42,11 +42,13 @@ class GroundEffect:
         model = physics.model
         names = [model.actuator(i).name for i in range(model.nu)]
         ids = [i for i, name in enumerate(names) if name in SIDEWAYS]
-        far = model.actuator_biasprm[ids, 2].copy()
+        # Views: to look them up takes as long as a physics step.
+        drag, position = model.actuator_biasprm[:, 2], physics.data.qpos[:3]
+        far = drag[ids]
 
         def every_period(physics: Physics) -> None:
-            share = self.share(float(physics.data.qpos[2]))
+            share = self.share(float(position[2]))
             physics.thrust /= 1.0 - share
-            physics.model.actuator_biasprm[ids, 2] = far * (1.0 - min(self.damping_loss * share, 1.0))
+            drag[ids] = far * (1.0 - min(self.damping_loss * share, 1.0))
 
         return Updates(every_period=every_period)
