@@ -1,5 +1,6 @@
 """The `heli-twin` command. Each subcommand is one file in `heli_twin/commands/` and is found there."""
 
+import gc
 import logging
 import os
 import signal
@@ -105,6 +106,9 @@ def _become_the_program() -> list[int]:
     if isinstance(sys.stdout, TextIOWrapper):
         # A terminal that cannot show a character shows another; data are printed in ASCII.
         sys.stdout.reconfigure(errors="replace")
+    # Libraries make a hundred thousand objects that stay: to look through them again and again takes a tenth of the
+    # start of a command.
+    gc.set_threshold(100_000, 20, 20)
     # MuJoCo would look for a window library, which takes as long as all the rest of it; nothing here draws with it.
     os.environ.setdefault("MUJOCO_GL", "disable")
     handler = logging.StreamHandler()

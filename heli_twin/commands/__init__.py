@@ -15,10 +15,10 @@ from argparse import (
     RawDescriptionHelpFormatter,
     _SubParsersAction,
 )
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.terminal_text import clean, pasteable
@@ -26,6 +26,7 @@ from heli_twin.terminal_text import clean, pasteable
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+T = TypeVar("T")
 LINE_LIMIT = 5000
 """Characters of one printed line: room for a sentence and the longest path."""
 
@@ -206,8 +207,41 @@ def say(line: str) -> None:
     print(clean(line, LINE_LIMIT))
 
 
-def progress_bar() -> "Progress":
+class NoBar:
+    """Stands for the progress bar where no terminal could show it, and costs nothing."""
+
+    disable = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def start(self) -> None:
+        """Show nothing."""
+
+    def stop(self) -> None:
+        """Show nothing."""
+
+    def add_task(self, description: str, *, total: float | None) -> Any:
+        """Return what names the task in `update` and `advance`."""
+
+    def update(self, task: Any, **_: Any) -> None:
+        """Show nothing."""
+
+    def advance(self, task: Any) -> None:
+        """Show nothing."""
+
+    def track(self, sequence: Iterable[T], **_: Any) -> Iterable[T]:
+        """Return what is done one by one."""
+        return sequence
+
+
+def progress_bar() -> "Progress | NoBar":
     """The bar of every command: on the standard error where that is a terminal, and gone when the work is done."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        return NoBar()
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -218,5 +252,4 @@ def progress_bar() -> "Progress":
         TimeRemainingColumn(compact=True),
         console=Console(stderr=True),
         transient=True,
-        disable=sys.stderr is None or not sys.stderr.isatty(),
     )
