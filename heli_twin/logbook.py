@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,9 @@ def _versions() -> dict[str, str]:
     versions: dict[str, str] = {}
     for package in LOGGED_PACKAGES:
         try:
-            versions[f"version.{package}"] = version(package)
+            # To parse the whole of the metadata, the package's own page too, takes as long as half a second of flight.
+            found = re.search(r"^Version: *(\S+)", distribution(package).read_text("METADATA") or "", re.MULTILINE)
+            versions[f"version.{package}"] = found[1] if found else "unknown"
         except PackageNotFoundError:
             versions[f"version.{package}"] = "not installed"
     return versions

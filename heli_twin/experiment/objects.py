@@ -42,7 +42,7 @@ def validated_parts(spec: Any, here: str) -> Any:
     changed: dict[str, Any] = {}
     for name, info in _fields(spec, here).items():
         value, path = getattr(spec, name), here + name
-        if info.adapter is not None:
+        if info.is_plain:
             new = checked_value(info, plain(value), path, type(spec))
         elif isinstance(info.family, EachOf):
             new = tuple(_each(key, member, info, f"{path}.{key}") for key, member in several(value, path).items())

@@ -42,7 +42,7 @@ def mark_of(spec: type) -> str:
 def own_classes(spec: Any, here: str = "") -> Iterator[tuple[str, type]]:
     """Yield the dotted path and the class of each part of an experiment that is of a class of a user's own."""
     for name, info in fields_of(type(spec)).items():
-        if info.adapter is not None:
+        if info.is_plain:
             continue
         value, path = getattr(spec, name), f"{here}{name}"
         for part in by_name(value).values() if isinstance(info.family, EachOf) else (value,):

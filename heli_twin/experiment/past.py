@@ -147,7 +147,7 @@ def _tables(spec: type, table: Any, here: str = "") -> Iterator[tuple[type, Tree
     yield spec, table, here
     for name, info in fields_of(spec).items():
         inner = table.get(name)
-        if info.adapter is not None or not isinstance(inner, dict):
+        if info.is_plain or not isinstance(inner, dict):
             continue
         match info.family:
             case None:

@@ -179,7 +179,7 @@ def _family_at(spec: type, path: str) -> str | None:
     """Return the family of the member at a path, for any kinds of the members above it; None if there is none."""
     key, _, rest = path.partition(".")
     info = fields_of(spec).get(key)
-    if info is None or info.adapter is not None:
+    if info is None or info.is_plain:
         return None
     if info.family is None:
         return _family_at(info.type, rest)
@@ -204,7 +204,7 @@ def _content_field(spec: type, path: str) -> FileContent | None:
     """Return the mark of the field that a path leads to for some kinds of the members above it, if it has one."""
     key, _, rest = path.partition(".")
     info = fields_of(spec).get(key)
-    if info is None or info.adapter is not None:
+    if info is None or info.is_plain:
         return info.content if info and not rest else None
     if info.family is None:
         return _content_field(info.type, rest)
@@ -226,7 +226,7 @@ def family_at(path: str, spec: type = Experiment) -> str:
     """
     key, _, rest = path.partition(".")
     info = fields_of(spec).get(key)
-    if info is None or info.adapter is not None:
+    if info is None or info.is_plain:
         return ""
     if info.family is None:
         return family_at(rest, info.type)

@@ -36,7 +36,7 @@ def table_of(spec: Any) -> Tree:
         value = getattr(spec, name)
         if isinstance(info.family, EachOf):
             table[name] = {key: _marked_table(member, info) for key, member in several(value, name).items()}
-        elif info.adapter is None:
+        elif not info.is_plain:
             table[name] = _marked_table(value, info)
         else:
             table[name] = plain(value)
@@ -92,7 +92,7 @@ def _spec(spec: type, tree: Any, here: str) -> Any:
     values = {}
     for name, value in tree.items():
         info, path = known[name], here + name
-        if info.adapter is not None:
+        if info.is_plain:
             values[name] = checked_value(info, value, path, spec)
             continue
         if not isinstance(value, dict):
@@ -228,7 +228,7 @@ def toml_lines(spec: Any, here: str) -> Iterator[str]:
     tables: list[tuple[str, FieldInfo, Any]] = []
     for name, info in fields_of(type(spec)).items():
         value = getattr(spec, name)
-        if info.adapter is None:
+        if not info.is_plain:
             tables.append((name, info, value))
         else:
             value = plain(value)

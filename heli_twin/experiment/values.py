@@ -5,13 +5,14 @@ import math
 import reprlib
 from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, fields
+from functools import cache
 from typing import Any, get_args
 
 import numpy as np
 from pydantic import ValidationError
 
 from heli_twin.errors import HeliTwinError
-from heli_twin.experiment.fields import FieldInfo
+from heli_twin.experiment.fields import FieldInfo, is_ours
 from heli_twin.terminal_text import clean, instead
 
 
@@ -67,13 +68,16 @@ def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
     Raises:
         ExperimentError: Names the field, its value, the limit and the default.
     """
-    assert info.adapter is not None
+    if _is_default(value, path.rpartition(".")[2], spec):
+        return value
     if any(type(v) is int and abs(v) >= 2**63 for v in _leaves_of(value)):
         raise ExperimentError(f"{path} has an integer of more than 64 bits; {_default(info, spec, path)}")
     if any(isinstance(v, float) and not math.isfinite(v) for v in _leaves_of(value)):
         raise ExperimentError(f"{path} = {reprlib.repr(value)} is not a finite number; {_default(info, spec, path)}")
     try:
-        checked = info.adapter.validate_json(json.dumps(value, default=str), strict=True)
+        adapter = info.adapter
+        assert adapter is not None
+        checked = adapter.validate_json(json.dumps(value, default=str), strict=True)
     except ValidationError as errors:
         error = errors.errors()[0]
         where = path + "".join(f"[{i}]" for i in error["loc"] if isinstance(i, int))
@@ -91,6 +95,19 @@ def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
         limit = f"at most {LARGEST:g}" if max(sizes) > LARGEST else f"0 or at least {SMALLEST:g} in size"
         raise ExperimentError(f"{path} = {reprlib.repr(value)}: it must be {limit}; {_default(info, spec, path)}")
     return checked
+
+
+def _is_default(value: Any, name: str, spec: type) -> bool:
+    """Return whether a value is the number or text that a class of ours has as its default: nothing is to be checked."""
+    default = _defaults(spec).get(name)
+    return type(value) is type(default) and value == default
+
+
+@cache
+def _defaults(spec: type) -> dict[str, float | str]:
+    """The numbers and texts among the defaults of a class of ours; none of a class of a user's own."""
+    defaults = {f.name: f.default for f in fields(spec)} if is_ours(spec) else {}
+    return {name: default for name, default in defaults.items() if type(default) in (bool, int, float, str)}
 
 
 def _leaves_of(value: Any) -> Iterator[Any]:

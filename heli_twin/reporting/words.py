@@ -119,7 +119,7 @@ def _unit(spec: type, keys: list[str]) -> str:
         rest = rest[1:]
     if not rest:
         return part.unit
-    if part.adapter is not None:
+    if part.is_plain:
         # A value has no fields; another member of the family has a table of this name.
         return ""
     inner = members(part.family.package).values() if part.family else [part.type]

@@ -1,9 +1,11 @@
 import sys
 from dataclasses import dataclass, fields
+from typing import Annotated, Literal
 
 import pytest
+from annotated_types import Gt
 
-from heli_twin.experiment import Experiment
+from heli_twin.experiment import Experiment, values
 from heli_twin.experiment.families import _ours, members
 from heli_twin.experiment.fields import fields_of
 
@@ -23,6 +25,36 @@ def test_every_member_is_a_frozen_value_that_names_itself(package):
         # `kind` comes first, so that a table says what it is before it says how.
         assert fields(spec)[0].name == "kind"
         assert spec.__doc__
+
+
+def parts_of(spec):
+    """The class and those of its parts that are tables of fields."""
+    yield spec
+    for info in fields_of(spec).values():
+        if not info.is_plain and info.family is None:
+            yield from parts_of(info.type)
+
+
+@pytest.mark.parametrize("package", ["", *PACKAGES])
+def test_what_our_classes_have_as_a_default_need_not_be_checked(package, monkeypatch):
+    monkeypatch.setattr(values, "_is_default", lambda value, name, spec: False)
+    for spec in [Experiment] if not package else members(package).values():
+        for part in parts_of(spec):
+            for name, default in values._defaults(part).items():
+                info = fields_of(part)[name]
+                assert info.is_plain
+                assert repr(values.checked_value(info, default, name, part)) == repr(default)
+
+
+@dataclass(frozen=True)
+class Slow:
+    kind: Literal["slow"] = "slow"
+    speed: Annotated[float, Gt(0)] = 0.0
+
+
+def test_what_a_user_s_class_has_as_a_default_is_checked():
+    with pytest.raises(values.ExperimentError, match=r"speed = 0\.0: it must be greater than 0"):
+        values.checked_value(fields_of(Slow)["speed"], 0.0, "speed", Slow)
 
 
 @pytest.mark.parametrize("package", PACKAGES)

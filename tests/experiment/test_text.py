@@ -35,7 +35,7 @@ def leaves(spec, path=""):
         if isinstance(part.family, EachOf):
             for member in value:
                 yield from leaves(member, f"{path}{name}.{member.kind}.")
-        elif part.adapter is None:
+        elif not part.is_plain:
             yield from leaves(value, f"{path}{name}.")
         elif name != "kind":
             yield f"{path}{name}", part

@@ -23,7 +23,7 @@ def drawn(rng: np.random.Generator, spec: type, path: str) -> list[str]:
     changes = [f"{path}=on"]
     for name, info in fields_of(spec).items():
         default = getattr(spec(), name)
-        if name == "kind" or info.adapter is None or rng.random() < 0.5:
+        if name == "kind" or not info.is_plain or rng.random() < 0.5:
             continue
         if isinstance(default, str):
             value = rng.choice(get_args(info.type))
