@@ -14,12 +14,13 @@ import numpy as np
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
-from heli_twin.calibration.checks import CalibrationError, check_clock, check_form, check_recording, remarks
+from heli_twin.calibration.checks import CalibrationError, check_clock, check_form, remarks
 from heli_twin.calibration.data import Flight, flight_of
-from heli_twin.calibration.fit import CONVERGED, CONVERGED_WITH_PLAY, Fit, fit
+from heli_twin.calibration.fit import CONVERGED, Fit, fit
 from heli_twin.calibration.frames import FRAME_GAIN, framed, timed
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, POSITIVE, SPREAD, lab_of, of_experiment, vector
 from heli_twin.calibration.problem import FIXED, Problem
+from heli_twin.calibration.recording_faults import check_recording
 from heli_twin.calibration.structure import Structure, structure
 from heli_twin.experiment import Experiment
 from heli_twin.recording import Log
@@ -186,6 +187,24 @@ def calibrate(
     for names in EFFECTS.values():
         prior[[INDEX[name] for name in names]] = 0.0
     check_recording(flights, prior)
+    first = _with_all_effects(flights, base, prior, progress)
+    kept, final = _with_those_shown(first, believed, progress)
+    check_clock(final)
+    if final.last_step > CONVERGED and not anyway:
+        raise CalibrationError(
+            f"the fit has not converged: its last step was {final.last_step:.2f} standard deviations, after"
+            f" {final.iterations} iterations (limit {CONVERGED:g}); believe in a helicopter that is nearer to this one,"
+            " or give longer flights; --anyway goes on"
+        )
+    form = structure(final)
+    if not anyway:
+        check_form(form)
+    weighed = mass if mass is not None else getattr(base.plant, "mass", 0.028)
+    return Calibrated(base, final, first, kept, form, weighed, tuple(f.name for f in flights))
+
+
+def _with_all_effects(flights: Sequence[Flight], base: Experiment, prior: Array, progress: Callable[[], None]) -> Fit:
+    """Fit the helicopter with all effects, the servos' only if they explain the poses better."""
     spread = SPREAD.copy()
     hold(spread, "servo")
     problem = Problem(flights, lab_of(base), prior, spread)
@@ -196,9 +215,15 @@ def calibrate(
     if gain > FRAME_GAIN:
         first = fit(loose, begin, progress, enough=1.0, limit=4)
         first = fit(loose, timed(loose, first, first.ahead)[0], progress, enough=0.5, limit=5)
+    return first
+
+
+def _with_those_shown(first: Fit, believed: Array, progress: Callable[[], None]) -> tuple[tuple[str, ...], Fit]:
+    """Return the effects that stay, and the fit with them alone."""
+    old = first.problem
     shown = [name for name in EFFECTS if _distance(first, name, 0.0 * believed) > SHOWN]
     kept = tuple(name for name in EFFECTS if name in shown or _is_open(first, name, believed))
-    spread, theta = first.problem.spread.copy(), first.ahead.theta.copy()
+    prior, spread, theta = old.prior.copy(), old.spread.copy(), first.ahead.theta.copy()
     for name, parameters in EFFECTS.items():
         places = [INDEX[p] for p in parameters]
         if name not in kept:
@@ -206,20 +231,7 @@ def calibrate(
             theta[places] = 0.0
         elif name not in shown:
             prior[places] = believed[places]
-    final = fit(Problem(flights, lab_of(base), prior, spread), first.ahead._replace(theta=theta), progress)
-    check_clock(final)
-    limit = CONVERGED_WITH_PLAY if "servo" in kept else CONVERGED
-    if final.last_step > limit and not anyway:
-        raise CalibrationError(
-            f"the fit has not converged: its last step was {final.last_step:.2f} standard deviations, after"
-            f" {final.iterations} iterations (limit {limit:g}); believe in a helicopter that is nearer to this one, or"
-            " give longer flights; --anyway goes on"
-        )
-    form = structure(final)
-    if not anyway:
-        check_form(form)
-    weighed = mass if mass is not None else getattr(base.plant, "mass", 0.028)
-    return Calibrated(base, final, first, kept, form, weighed, tuple(f.name for f in flights))
+    return kept, fit(Problem(old.flights, old.lab, prior, spread), first.ahead._replace(theta=theta), progress)
 
 
 def hold(spread: Array, effect: str) -> None:

@@ -25,9 +25,6 @@ MAX_STEP = 1.0
 """Largest step, in units of the prior's spread."""
 CONVERGED = 0.1
 """Largest step, in posterior standard deviations, of a fit that has converged."""
-CONVERGED_WITH_PLAY = 0.4
-"""The same of servos with play and limited speed: their path has kinks, at which no step becomes zero. It adds 8 % to
-a standard deviation at most."""
 STALE = 0.5
 """Step, in posterior standard deviations, up to which the derivatives before it are used again."""
 SETTLED = 0.3

@@ -12,21 +12,17 @@ import numpy as np
 
 from controllers.markers import by_name
 from controllers.model import GRAVITY
-from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, Calibrated
 from heli_twin.calibration.coverage import covered
 from heli_twin.calibration.parameters import (
     BATTERY_VOLTAGE_V,
     NAMES,
-    POSITIVE,
     ROTOR_RADIUS_M,
-    SPREAD,
     helicopter,
     member,
     values,
 )
-from heli_twin.calibration.problem import FIXED
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.tree import physics_line, table_of
 from heli_twin.lab.plant.effects.battery import BatterySpec
@@ -36,10 +32,6 @@ from heli_twin.lab.plant.effects.servo import Servo
 from heli_twin.lab.plant.effects.thrust_yaw_coupling import ThrustYawCoupling
 from heli_twin.lab.plant.mujoco import MuJoCo
 
-JOINT_FACTOR = 1.5
-"""The joint 95 % region is that of the model's covariance times this: see `heli_twin.calibration`."""
-DRAWS = 20
-"""Helicopters of an ensemble."""
 LEAST_SLOWNESS = 1e-3
 """Of a servo whose speed has a limit."""
 
@@ -180,7 +172,7 @@ def as_toml(calibrated: Calibrated, command: str = "") -> str:
     for name, effect in table["effects"].items():
         lines += ["", f"[plant.effects.{name}]", *(f"{key} = {json.dumps(v)}" for key, v in effect.items())]
     lines += ["", "[controller.model]"]
-    for name, (value, source) in _model(p).items():
+    for name, (value, source) in believed_model(p).items():
         k = known[source]
         lines.append(f"{name} = {value:.6g}  # {source} {k.low:.5g} to {k.high:.5g} {k.unit}")
     noises: dict[str, float] = dict(zip(noise.COMPONENTS, np.exp(calibrated.fit.state.eta).tolist(), strict=True))
@@ -202,7 +194,7 @@ def as_toml(calibrated: Calibrated, command: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _model(p: dict[str, float]) -> dict[str, tuple[float, str]]:
+def believed_model(p: dict[str, float]) -> dict[str, tuple[float, str]]:
     """The paper's parameters (27), and where each comes from."""
     return {
         "b_x": (GRAVITY * p["pitch_gain"], "pitch_gain"),
@@ -231,58 +223,3 @@ def _details(p: dict[str, float], noises: dict[str, float]) -> dict[str, float]:
         "gust_strength": noises["gust_strength"],
         "gust_time": noises["gust_time"],
     }
-
-
-def posterior(calibrated: Calibrated) -> dict[str, Any]:
-    """Return the posterior: mean and covariance of the fit's vector, the noise, and how much of it is the prior's."""
-    fit = calibrated.fit
-    free = fit.problem.spread > FIXED
-    share = np.where(free, np.diag(fit.covariance) / fit.problem.spread**2, 1.0)
-    return {
-        "names": list(NAMES),
-        "is_logarithm": POSITIVE.tolist(),
-        "mean": fit.state.theta.tolist(),
-        "covariance": (JOINT_FACTOR * fit.covariance).tolist(),
-        "standard_deviation": fit.deviation.tolist(),
-        "prior_mean": fit.problem.prior.tolist(),
-        "prior_standard_deviation": SPREAD.tolist(),
-        "prior_share": share.tolist(),
-        "noise": dict(zip(noise.COMPONENTS, np.exp(fit.state.eta).tolist(), strict=True)),
-        "joint_factor": JOINT_FACTOR,
-    }
-
-
-def draws(calibrated: Calibrated, count: int = DRAWS, seed: int = 0) -> list[dict[str, float]]:
-    """Return parameters by name of helicopters that the flights do not tell apart, drawn from the posterior."""
-    fit = calibrated.fit
-    root = np.linalg.cholesky(JOINT_FACTOR * fit.covariance + 1e-18 * np.eye(len(NAMES)))
-    normal: Array = np.random.default_rng(seed).standard_normal((count, len(NAMES)))
-    return [dict(zip(NAMES, values(theta).tolist(), strict=True)) for theta in fit.state.theta + normal @ root.T]
-
-
-def ensemble(calibrated: Calibrated, count: int = DRAWS) -> str:
-    """Return a study that flies helicopters drawn from the posterior, embedded by value, with one controller."""
-    lines = [
-        'name = "ensemble"',
-        'question = "How differently do helicopters fly that the calibration flights cannot tell apart?"',
-        "replicates = 3",
-        "",
-        "[base]",
-        'preset = "lab"',
-        "",
-        "[base.controller.model]",
-        *(f"{name} = {value:.6g}" for name, (value, _) in _model(point(calibrated)).items()),
-        "",
-        "[base.envelope]",
-        *(f"{name} = {json.dumps(v)}" for name, v in covered(calibrated.fit.problem.flights).plain().items()),
-    ]
-    for i, p in enumerate(draws(calibrated, count), 1):
-        twin = twin_of(calibrated.base, p, calibrated.mass, calibrated.kept)
-        table = table_of(twin.plant)
-        effects = table.pop("effects")
-        lines += ["", f"[alternatives.draw_{i:02d}.plant]"]
-        lines += [f"{name} = {json.dumps(value)}" for name, value in table.items()]
-        for name, effect in effects.items():
-            lines += [f"[alternatives.draw_{i:02d}.plant.effects.{name}]"]
-            lines += [f"{key} = {json.dumps(value)}" for key, value in effect.items()]
-    return "\n".join(lines) + "\n"

@@ -57,7 +57,7 @@ def _verdict(calibrated: Calibrated) -> Table:
     untold = [name for name in NAMES if name in known and not known[name].told]
     channel, statistic, ratio = form.worst
     rows = [
-        ("flights", ", ".join(calibrated.logs)),
+        ("flights", ", ".join(Path(log).name for log in calibrated.logs)),
         ("told", f"{sum(k.told for k in known.values())} of {len(known)} parameters"),
         ("not told: the prior speaks", ", ".join(untold) or "none"),
         ("effects that it has", ", ".join(calibrated.kept) or "none"),
@@ -75,7 +75,7 @@ def _verdict(calibrated: Calibrated) -> Table:
 
 def _parameters(calibrated: Calibrated) -> Table:
     rows = [
-        (name, f"{k.value:.5g}", f"{k.low:.5g} to {k.high:.5g}", k.unit, "" if k.told else "not told: the prior speaks")
+        (name, f"{k.value:.4g}", f"{k.low:.4g} to {k.high:.4g}", k.unit, "" if k.told else "not told: the prior speaks")
         for name, k in calibrated.parameters.items()
     ]
     return Table(
@@ -99,11 +99,11 @@ def _against_prior(calibrated: Calibrated) -> Figure:
     n = len(free)
     believed = Dots("prior, 95 %", names, np.zeros(n), np.full(n, -Z_95), np.full(n, Z_95), color=7)
     told = Dots("calibrated, 95 %", names, mean, mean - half, mean + half, color=0)
-    panel = Panel("", "distance from what was believed, in standard deviations of the prior", "", [believed, told])
+    panel = Panel("", "standard deviations of the prior", "", [believed, told])
     return Figure(
         "prior",
         "Against the prior",
-        "Where a blue interval is as long as the grey one, the flights tell nothing.",
+        "Distances from what was believed. Where a blue interval is as long as the grey one, the flights tell nothing.",
         [panel],
     )
 
@@ -120,7 +120,7 @@ def _correlations(calibrated: Calibrated) -> Figure:
     )[:5]
     text = ", ".join(f"{NAMES[free[i]]} and {NAMES[free[j]]} {correlation[i, j]:+.2f}" for _, i, j in pairs)
     numbers = ", ".join(f"{k} {NAMES[i]}" for k, i in enumerate(free, 1))
-    panel = Panel("posterior correlation", "parameter", "parameter", [Heat(at, at, correlation, "1", diverging=True)])
+    panel = Panel("posterior correlation", "parameter", "parameter", [Heat(at, at, correlation, "", diverging=True)])
     return Figure("correlations", "Correlations", f"Strongest: {text}. Numbers: {numbers}.", [panel])
 
 

@@ -10,6 +10,7 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.data import Flight
 from heli_twin.calibration.drive import drives_of
+from heli_twin.calibration.markers import by_lever, by_tilt, lever_turned
 from heli_twin.calibration.motion import STRIDE, Lanes, simulate, transitions
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
 
@@ -151,14 +152,14 @@ class Problem:
         jacobian = np.moveaxis(np.concatenate([by_theta, by_push, by_phase[None]]), 0, -1)
         first = np.moveaxis(np.concatenate([by_place, by_start]), 0, -1)
         h, lever = out[0], state.nuisance[self.log_of][:, LEVER]
-        turned = _lever_turned(h, lever)
+        turned = lever_turned(h, lever)
         for columns in (jacobian, first):
             columns[..., :3, :] += np.einsum("wbij,wbjc->wbic", turned, columns[..., 3:, :])
         of_log = np.concatenate(
             [
                 jacobian[..., N_THETA:-1],
-                _by_tilt(h),
-                _by_lever(h),
+                by_tilt(h),
+                by_lever(h),
                 jacobian[..., [INDEX["delay"]]],
                 jacobian[..., -1:],
             ],
@@ -182,8 +183,8 @@ class Problem:
     def measured(self, h: Array, state: State) -> Array:
         """Return the poses of the markers (w, bins, 6) from those of the centre of gravity."""
         nuisance = state.nuisance[self.log_of]
-        out = h + np.einsum("wbic,wc->wbi", _by_tilt(h), nuisance[:, TILT])
-        out[..., :3] += np.einsum("wbic,wc->wbi", _by_lever(h)[..., :3, :], nuisance[:, LEVER])
+        out = h + np.einsum("wbic,wc->wbi", by_tilt(h), nuisance[:, TILT])
+        out[..., :3] += np.einsum("wbic,wc->wbi", by_lever(h)[..., :3, :], nuisance[:, LEVER])
         return out
 
     def simulated(
@@ -240,37 +241,6 @@ class Problem:
 def _firsts(which: NDArray[np.int64]) -> list[int]:
     """The first variant that uses each drive."""
     return [int(np.argmax(which == drive)) for drive in range(int(which.max()) + 1)]
-
-
-def _by_tilt(h: Array) -> Array:
-    """Derivative (w, bins, 6, 3) of a measured pose by a small tilt of the marker body about its own axes."""
-    pitch, roll = h[..., 4], h[..., 5]
-    sr, cr, tp, cp = np.sin(roll), np.cos(roll), np.tan(pitch), np.cos(pitch)
-    out = np.zeros((*h.shape, 3))
-    out[..., 3, 1], out[..., 3, 2] = sr / cp, cr / cp
-    out[..., 4, 1], out[..., 4, 2] = cr, -sr
-    out[..., 5, 0], out[..., 5, 1], out[..., 5, 2] = 1.0, tp * sr, tp * cr
-    return out
-
-
-def _by_lever(h: Array) -> Array:
-    """Derivative (w, bins, 6, 3) of a measured pose by the place of the markers in the body."""
-    (sy, sp, sr), (cy, cp, cr) = (np.moveaxis(f(h[..., 3:]), -1, 0) for f in (np.sin, np.cos))
-    out = np.zeros((*h.shape, 3))
-    out[..., 0, :] = np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=-1)
-    out[..., 1, :] = np.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], axis=-1)
-    out[..., 2, :] = np.stack([-sp, cp * sr, cp * cr], axis=-1)
-    return out
-
-
-def _lever_turned(h: Array, lever: Array) -> Array:
-    """Derivative (w, bins, 3, 3) of the markers' position by yaw, pitch and roll."""
-    base, out = _by_lever(h)[..., :3, :], np.empty((*h.shape[:2], 3, 3))
-    for i in range(3):
-        moved = h.copy()
-        moved[..., 3 + i] += 1e-5
-        out[..., i] = np.einsum("wbic,wc->wbi", (_by_lever(moved)[..., :3, :] - base) / 1e-5, lever)
-    return out
 
 
 def columns(log: int) -> NDArray[np.int64]:

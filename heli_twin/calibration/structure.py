@@ -22,8 +22,9 @@ SKIPPED_BINS = 15
 LAGS = 20
 """Of the residual, in bins, and of the commands: 0.4 s."""
 LEVEL = 0.95
-WORST_MEMORY, WORST_CORRELATION = 6.0, 3.0
-"""Largest statistic of a right twin, in units of its 95 % value."""
+WORST_MEMORY, WORST_CORRELATION = 4.0, 2.0
+"""Largest statistics of a right twin, in units of their 95 % values: twice those of seven right twins, 1.9 and 1.05. A
+load of 0.5 g on a string has a memory of 9, a stabiliser bar of 9.6. No test judges one of these twins."""
 
 
 class Structure(NamedTuple):

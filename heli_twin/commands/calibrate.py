@@ -144,8 +144,9 @@ def _read(path: Path) -> tuple[str, Any, int | None]:
 
 
 def _save(calibrated: "Calibrated", parsed: Namespace, command_line: str) -> list[Path]:
-    from heli_twin.calibration.output import as_toml, ensemble, posterior
+    from heli_twin.calibration.output import as_toml
     from heli_twin.calibration.page import write_page
+    from heli_twin.calibration.posterior import ensemble, posterior
 
     files: list[Path] = []
     try:
@@ -223,13 +224,17 @@ def show(calibrated: "Calibrated", files: list[Path]) -> None:
     from heli_twin.calibration.calibrate import EFFECTS
 
     title = f"calibrated from {calibrated.seconds:.0f} s of {len(calibrated.logs)} flights"
-    table = Table(title=title, title_justify="left")
-    for column in ("", "value", "95 % interval", "unit", ""):
-        table.add_column(column, justify="right" if column in ("value", "95 % interval") else "left")
+    # All columns fit in 80 characters.
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for column in ("", "value", "95 % interval", "unit", "told"):
+        is_number = column in ("value", "95 % interval")
+        table.add_column(column, justify="right" if is_number else "left", no_wrap=True)
     for name, k in calibrated.parameters.items():
-        note = "" if k.told else "not told: the prior speaks"
-        table.add_row(name, f"{k.value:.4g}", f"{k.low:.4g} to {k.high:.4g}", k.unit, note)
+        interval = f"{k.low:.4g} to {k.high:.4g}"
+        table.add_row(name, f"{k.value:.4g}", interval, k.unit, "" if k.told else "no")
     Console().print(table)
+    if not all(k.told for k in calibrated.parameters.values()):
+        say("told: no where the prior speaks, since the flights say too little")
     left_out = [name for name in EFFECTS if name not in calibrated.kept]
     say(f"plant effects that it has: {', '.join(calibrated.kept) or 'none'}; left out: {', '.join(left_out) or 'none'}")
     channel, statistic, ratio = calibrated.structure.worst

@@ -12,8 +12,9 @@ from controllers.model import GRAVITY
 from heli_twin.calibration.calibrate import EFFECTS, calibrate, flights_of
 from heli_twin.calibration.coverage import covered
 from heli_twin.calibration.noise import COMPONENTS
-from heli_twin.calibration.output import _details, as_toml, draws, ensemble, posterior, twin_of
+from heli_twin.calibration.output import _details, as_toml, twin_of
 from heli_twin.calibration.parameters import NAMES, of_experiment
+from heli_twin.calibration.posterior import draws, ensemble, posterior
 from heli_twin.experiment.envelope import envelope_in
 from heli_twin.experiment.text import load
 from heli_twin.metrics.reach import planned_reach
