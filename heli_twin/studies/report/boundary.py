@@ -45,7 +45,7 @@ def boundary(results: Results) -> Iterator[Figure]:
         return
     where = listed([_told(path, axis.quantile(s)) for (path, axis), s in zip(axes.items(), middle, strict=True)])
     for place, (name, each) in enumerate(learned.items()):
-        panels = [_map(f"{up} over {across}", each, across, up) for across, up in combinations(axes, 2)]
+        panels = [_map("", each, across, up) for across, up in combinations(axes, 2)]
         text = f"{facts[name]}. Slices through {where}. {key}"
         yield Figure(f"boundary-{place}", f"Boundary of {name}", text, panels)
 
