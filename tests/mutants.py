@@ -118,6 +118,14 @@ EQUIVALENT = {
         "allowed = (values > low - 1e-9) & (values <= high + 1e-9)",
     ): "differs only for a value equal to the limit in all digits",
     (
+        "heli_twin/lab/plant/effects/stabiliser_bar.py",
+        'spring.wrap_joint(f"bar_{name}", +1.0)',
+    ): "the bar then turns the other way, and pulls the fuselage as before",
+    (
+        "heli_twin/lab/plant/effects/battery.py",
+        "self._nominal = max(open_voltage(1.0) - spec.resistance * (spec.idle_current + spec.hover_current), 1.5)",
+    ): "reached only by a cell that hovering takes all voltage of, which gives no thrust either way",
+    (
         "heli_twin/metrics/margins.py",
         "kept = t >= t[-1] - records * probe.record + 1e-6",
     ): "differs only for a time that is 1 us after a sample in all digits",

@@ -5,6 +5,7 @@
 
 import json
 from collections import Counter
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from heli_twin.experiment.families import members
 PINS = Path(__file__).with_name("flights") / "pinned.json"
 QUADROTOR = Path(__file__).with_name("lab") / "plant/airframes/quadrotor.xml"
 FAMILIES = {
-    "faults": (members("heli_twin.lab.faults"), ["start=0.5"]),
+    "faults": (members("heli_twin.lab.faults"), ["start=0.4", "duration=0.6"]),
     "disturbances": (members("heli_twin.lab.disturbances"), []),
     "plant.effects": (members("heli_twin.lab.plant.effects"), []),
 }
@@ -26,6 +27,16 @@ FAMILIES = {
 def fault(kind: str, **values: float) -> list[str]:
     """Return the changes that add a fault."""
     return [f"faults.{kind}=on", *(f"faults.{kind}.{field}={value}" for field, value in values.items())]
+
+
+def changed(kind: str, spec: type) -> list[str]:
+    """Return changes of a trajectory's angles, rates and times, for what hides where they are 0 or 1."""
+    numbers = {"rate": 0.8, "yaw_rate": 0.7, "direction": 0.4, "yaw": 0.3, "phase": 0.5, "ramp": 1.2, "height": 1.1}
+    return [
+        f"trajectory.{field.name}={numbers[field.name]}"
+        for field in fields(spec)
+        if field.name in numbers and (kind, field.name) not in {("doublets", "yaw"), ("csv", "ramp")}
+    ]
 
 
 FLIGHTS: dict[str, list[str]] = {
@@ -38,7 +49,7 @@ FLIGHTS: dict[str, list[str]] = {
     "saturated": ["lab", "duration=2", "trajectory=hover", "disturbances.bias=on", "disturbances.bias.x=0.9"],
     "detailed": ["detailed", "duration=3", "trajectory=pirouette"],
     "ideal": ["ideal", "duration=2", "controller=pid"],
-    "quadrotor": ["lab", "duration=0.6", f"plant.model={QUADROTOR}"],
+    "quadrotor": ["lab", "duration=0.6", f"plant.model={QUADROTOR}", *fault("gyro_failure", start=0.1, duration=0.2)],
     "poses lost on the way up": [
         "lab",
         "duration=8",
@@ -51,8 +62,8 @@ FLIGHTS: dict[str, list[str]] = {
     "battery empty, pid": ["lab", "duration=4", "plant.effects.battery.charge=0.01", "controller=pid"],
     "shaken": ["lab", "duration=2", "excitation=multisine"],
     **{
-        f"trajectory {kind}": ["lab", "duration=1.5", f"trajectory={kind}"]
-        for kind in members("controllers.trajectories")
+        f"trajectory {kind}": ["lab", "duration=1.5", f"trajectory={kind}", *changed(kind, spec)]
+        for kind, spec in members("controllers.trajectories").items()
     },
     **{
         f"{family} {kind}": ["lab", "duration=1.5", f"{family}.{kind}=on", *(f"{family}.{kind}.{c}" for c in changes)]

@@ -95,6 +95,12 @@ def test_the_sticks_act_as_the_file_says(stick, expected):
     assert found == pytest.approx(expected, rel=0.05)
 
 
+def test_a_stick_without_dynamics_acts_at_once():
+    quick = Airframe(model=changed(('dynprm="0.04"', 'dyntype="none" actearly="false" dynprm="1"')))
+    climb = held(0.1 * np.eye(4)[2], 0.05, quick).velocity[2]
+    assert climb == pytest.approx(0.1 * B_Z * 0.05, rel=0.02)
+
+
 def test_wind_blows_through_the_engines_medium_and_a_push_is_an_acceleration():
     blown = held(0.0, 1.0, air=Air(np.array([2.0, 0, 0]), np.zeros(3)))
     pushed = held(0.0, 1.0, air=Air(np.zeros(3), np.array([0, 0.3, 0])))
