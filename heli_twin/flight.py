@@ -1,6 +1,6 @@
 """One flight: the experiment becomes a helicopter, a lab and a ground station, and time runs. Read this first."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from math import cos, isfinite, radians
 from operator import itemgetter
@@ -102,6 +102,8 @@ class Flight:
         """The newest."""
         self.others: Array = ALONE
         """(n, 3) positions of other helicopters in the room, world, m."""
+        self.neighbours: Sequence[Truth] = ()
+        """Their states when all were at the same time last: 20 ms ago at most."""
         self.poses_under_way: list[Arrival] = []
         self.last_status, self.last_rejected, self.told_of_moments = "", 0, False
         self.reason, self.landed_at, self.last_sink, self.in_the_air = "", 0, 0.0, False
@@ -187,7 +189,7 @@ class Flight:
 
     def look(self, t: int, truth: Truth) -> None:
         """Let the cameras look; the pose is on its way unless the frame or a fault loses it."""
-        arrival = self.faults.pose(self.mocap.capture(t, truth))
+        arrival = self.faults.pose(self.mocap.capture(t, self.faults.seen(t, truth, self.neighbours)))
         if arrival:
             self.poses_under_way.append(arrival)
 

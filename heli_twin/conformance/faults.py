@@ -33,6 +33,7 @@ def _wires(t: int, truth: Truth) -> dict[str, Given]:
         "input": (t, u, truth),
         "gyro": (t,),
         "battery": (t, Battery(3.7, 1.5, 0.8)),
+        "seen": (t, truth, [truth._replace(position=truth.position + 0.3)]),
     }
 
 
@@ -111,6 +112,11 @@ def _battery(value: Any, given: Given) -> str:
     return "" if right else "battery has to return a Battery of finite numbers, or None"
 
 
+def _seen(value: Any, given: Given) -> str:
+    right = isinstance(value, Truth) and value.position.shape == (3,) and value.quat_wxyz.shape == (4,)
+    return "" if right else f"seen returns {value!r}, not the state of a helicopter"
+
+
 def _is_input(u: Any) -> bool:
     return isinstance(u, np.ndarray) and u.shape == (4,) and bool(np.isfinite(u).all())
 
@@ -124,6 +130,7 @@ _TROUBLE: dict[str, Callable[[Any, Given], str]] = {
     "input": _input,
     "gyro": _gyro,
     "battery": _battery,
+    "seen": _seen,
 }
 
 

@@ -100,8 +100,9 @@ class Room:
         """Do at a common time t, ns, what concerns more than one of them."""
         truths = {name: station.flight.plant.truth() for name, station in self.stations.items()}
         for name, station in self.stations.items():
-            others = [truth.position for other, truth in truths.items() if other != name]
-            station.flight.others = np.array(others).reshape(-1, 3)
+            others = [truth for other, truth in truths.items() if other != name]
+            station.flight.neighbours = others
+            station.flight.others = np.array([other.position for other in others]).reshape(-1, 3)
         for a, b in combinations(truths, 2):
             # Two that lie where they have touched touch for ever.
             if not (a in self.outcomes and b in self.outcomes) and touching(truths[a].position, truths[b].position):

@@ -36,6 +36,7 @@ USUAL_DISTANCE_M = 0.3
 """Width of the cylinders where the coordination keeps no distance of its own."""
 CYLINDER_HEIGHT_M = 0.3
 PLAN_POINTS = 40
+BLACK = "#000000"
 TURN_COLOURS = {"committed": BELIEVED, "kept": YAW, "refused": LIMIT}
 """By what a planner did in its turn."""
 
@@ -92,7 +93,8 @@ def promised_distance(log: Log) -> float:
 
 
 def _look(name: str, number: int) -> Look:
-    shade = int(color(number)[1:], 16) << 8 | 0xFF
+    # Black is not seen before the dark room.
+    shade = YAW if color(number) == BLACK else int(color(number)[1:], 16) << 8 | 0xFF
     return Look(name, color(number), shade, WANTED, shade)
 
 

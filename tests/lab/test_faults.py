@@ -18,6 +18,7 @@ from heli_twin.lab.faults.command_duplicate import CommandDuplicate
 from heli_twin.lab.faults.command_reorder import CommandReorder
 from heli_twin.lab.faults.compute_stall import ComputeStall
 from heli_twin.lab.faults.gyro_failure import GyroFailure
+from heli_twin.lab.faults.identity_swap import IdentitySwap
 from heli_twin.lab.faults.motor_loss import MotorLoss
 from heli_twin.lab.faults.pose_burst import PoseBurst
 from heli_twin.lab.faults.pose_drift import PoseDrift
@@ -52,6 +53,11 @@ def plant():
     return Ideal().start(np.array([0, 0, 1.0, 0, 0, 0, 0, 0]))
 
 
+def beside(truth):
+    """Another helicopter near this one."""
+    return truth._replace(position=truth.position + 0.3)
+
+
 def effects(spec, every=10, seed=0, until=6_000):
     """Everything that a fault does to one flight, as plain values by wire and ms."""
     faults, helicopter = Faults([spec.hooks(rng(seed))]), plant()
@@ -60,13 +66,15 @@ def effects(spec, every=10, seed=0, until=6_000):
         sent = faults.commands(ms * MS, 6 * MS, Command(ms * MS, U + 1e-6 * ms))
         u = faults.input(ms * MS, U + 1e-6 * ms, helicopter)
         flat = None if seen is None else (seen.at, seen.pose.stamp, *seen.pose.position, *seen.pose.quat_wxyz)
-        yield ms, flat, [(at, c.stamp, *c.u) for at, c in sent], tuple(u), helicopter.gyro_works
+        truth = helicopter.truth()
+        taken = faults.seen(ms * MS, truth, [beside(truth)]).position - truth.position
+        yield ms, flat, [(at, c.stamp, *c.u) for at, c in sent], tuple(u), helicopter.gyro_works, tuple(taken)
 
 
 def untouched(ms):
     a, u = pose(ms, x=0.001 * ms), U + 1e-6 * ms
     seen = (a.at, a.pose.stamp, *a.pose.position, *a.pose.quat_wxyz)
-    return ms, seen, [((ms + 6) * MS, ms * MS, *u)], tuple(u), True
+    return ms, seen, [((ms + 6) * MS, ms * MS, *u)], tuple(u), True, tuple(np.zeros(3))
 
 
 def differs(one, other):
@@ -118,6 +126,8 @@ class TestEveryFault:
             plain = pose(ms, x=0.001 * ms)
             calm = seen is not None and seen.at == plain.at and str(seen.pose) == str(plain.pose)
             calm &= [(at, c.stamp) for at, c in sent] == [((ms + 6) * MS, ms * MS)] and helicopter.gyro_works
+            truth = helicopter.truth()
+            calm &= both.seen(ms * MS, truth, [beside(truth)]) is truth
             if not calm or not np.array_equal(u, U):
                 touched.add(ms // 500)
         assert {2, 6} <= touched <= {2, 3, 6, 7} or kind.startswith("servo_stuck")
@@ -131,7 +141,9 @@ class TestEveryFault:
         flown, again = (fly(load("lab", changes), log_dir=None) for _ in range(2))
         assert flown.flight_digest == again.flight_digest
         without = fly(load("lab", ["duration=1"]), log_dir=None)
-        assert not np.array_equal(flown.log.truth.position, without.log.truth.position)
+        unchanged = np.array_equal(flown.log.truth.position, without.log.truth.position)
+        # Alone in the room, a helicopter is not confused with another.
+        assert unchanged == (kind == "identity_swap")
 
 
 def test_comes_by_chance_as_often_as_its_rate_says():
@@ -334,3 +346,14 @@ def test_a_rate_that_is_next_to_nothing_is_never():
     # The smallest rate of an experiment, and one in thirty years.
     for rate in (SMALLEST, 1e-9):
         assert Spells(PoseOutage(start=0.0, rate=rate), rng()).began(3600 * 1000 * MS) is None
+
+
+def test_the_nearest_other_is_seen_if_it_is_near():
+    hooks = IdentitySwap(start=1.0, duration=1.0, near=0.5).hooks(rng())
+    truth = plant().truth()
+    near, far = (truth._replace(position=truth.position + np.array([x, 0.0, 0.0])) for x in (0.4, 0.6))
+    assert hooks.seen is not None
+    assert hooks.seen(1_500 * MS, truth, [far, near]) is near
+    assert hooks.seen(1_500 * MS, truth, [far]) is truth
+    assert hooks.seen(1_500 * MS, truth, []) is truth
+    assert hooks.seen(500 * MS, truth, [near]) is truth

@@ -253,3 +253,24 @@ def test_all_components_draw_under_the_name_of_their_helicopter(apart: SeveralRe
     with begin_log(None, e) as recorder:
         Flight(e, plant, recorder, chance=chance)
     assert sorted(asked) == sorted(components(e))
+
+
+def test_cameras_that_confuse_two_report_each_under_the_name_of_the_other():
+    words = [
+        "scenario=own",
+        "trajectory=hover",
+        "ships.a.trajectory.y=0.3",
+        "ships.b.trajectory.y=-0.3",
+        "duration=0.8",
+    ]
+    swap = ["faults.identity_swap.start=0.4", "faults.identity_swap.duration=0.1"]
+    confused = flown(*words, *swap)
+    for name, side in (("a", 0.3), ("b", -0.3)):
+        pose = confused.log.ship(name).pose
+        seconds = 1e-9 * pose.stamp
+        swapped = (seconds >= 0.4) & (seconds < 0.5)
+        assert pose.position[~swapped, 1] == pytest.approx(side, abs=0.05)
+        assert pose.position[swapped, 1] == pytest.approx(-side, abs=0.05)
+        assert swapped.sum() > 5
+    # The supervisors and estimators of the lab refuse such poses.
+    assert confused.outcome.kind == "completed"

@@ -1,14 +1,14 @@
 """Faults: what breaks. One file is one fault; it is found by its `kind`, without a registry.
 
-A fault hooks the wires it breaks, each of them between two parts of the loop: poses on their way to the ground station,
-the estimate on its way to the controller, commands on their way to the radio, the time of a control step, the command
-that the receiver takes over, the inputs of the actuators, the on-board gyro, or what the battery tells. The log has
-each wire as the fault leaves it; what acts on the actuators shows in the truth. Most faults have a `start` and a
-`duration`; with a `rate` they come by chance from `start` on.
+A fault hooks the wires it breaks, each of them between two parts of the loop: what the cameras see, poses on their way
+to the ground station, the estimate on its way to the controller, commands on their way to the radio, the time of a
+control step, the command that the receiver takes over, the inputs of the actuators, the on-board gyro, or what the
+battery tells. The log has each wire as the fault leaves it; what acts on the actuators shows in the truth. Most faults
+have a `start` and a `duration`; with a `rate` they come by chance from `start` on.
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
@@ -44,6 +44,8 @@ class Hooks(NamedTuple):
     """Takes the time; returns whether the on-board rate gyro works."""
     battery: Callable[[int, Battery], Battery | None] | None = None
     """Takes the time and what the battery is; returns what it tells the ground station, None for nothing."""
+    seen: Callable[[int, Truth, Sequence[Truth]], Truth] | None = None
+    """Takes the time, the helicopter, and the others in the room; returns which the cameras take for it."""
 
 
 class Fault(Protocol):
@@ -69,6 +71,13 @@ class Faults:
         self._estimate = [fault.estimate for fault in self._faults if fault.estimate]
         self._received = [fault.received for fault in self._faults if fault.received]
         self._battery = [fault.battery for fault in self._faults if fault.battery]
+        self._seen = [fault.seen for fault in self._faults if fault.seen]
+
+    def seen(self, t: int, truth: Truth, others: Sequence[Truth]) -> Truth:
+        """Return which helicopter the cameras take for this one."""
+        for fault in self._seen:
+            truth = fault(t, truth, others)
+        return truth
 
     def pose(self, arrival: Arrival | None) -> Arrival | None:
         """Return a pose as the ground station will get it; None if it is lost."""
