@@ -64,6 +64,8 @@ OTHER_NAMES = {
         "controllers/test_derivatives.py",
         "controllers/test_trajectories.py",
     ],
+    "heli_twin/metrics/several.py": ["metrics/test_several.py", "several/test_room.py"],
+    "heli_twin/metrics/contact.py": ["metrics/test_several.py"],
     "heli_twin/lab/compute.py": ["lab/test_faults.py", "lab/test_chance.py", "flights/test_flights.py"],
     "heli_twin/lab/plant/contract.py": ["lab/plant/test_airframe.py"],
     "heli_twin/lab/plant/motion.py": ["lab/plant/test_mujoco.py", "lab/plant/test_airframe.py"],

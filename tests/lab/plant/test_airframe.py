@@ -98,7 +98,7 @@ def test_the_sticks_act_as_the_file_says(stick, expected):
 def test_a_stick_without_dynamics_acts_at_once():
     quick = Airframe(model=changed(('dynprm="0.04"', 'dyntype="none" actearly="false" dynprm="1"')))
     climb = held(0.1 * np.eye(4)[2], 0.05, quick).velocity[2]
-    assert climb == pytest.approx(0.1 * B_Z * 0.05, rel=0.02)
+    assert climb == pytest.approx(0.1 * B_Z * (0.05 - quick.input_delay), rel=0.02)
 
 
 def test_wind_blows_through_the_engines_medium_and_a_push_is_an_acceleration():
