@@ -1,0 +1,183 @@
+"""Who makes way for whom, and on which side helicopters pass: against deadlock among plans that keep apart."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.committed_plan import CommittedPlan
+from controllers.scene import Scene
+from controllers.separation import knots_from
+from controllers.signals import Array
+from controllers.wish_plan import FREE, JOINS
+
+NEAR_M = 0.1
+"""Who is nearer to where it wants to be asks nobody to step aside."""
+TO_AND_FRO = 5
+"""Who has stayed within `NEAR_M` for this multiple of its patience stands too."""
+RIGHT_RAD = 0.7
+"""How far to the right of its way who has no way ahead goes: with 1.2 rad some circle for ever."""
+AHEAD_M, AHEAD_SHARE = 1.0, 0.5
+"""Who comes ahead by less than this share of this length, or of the rest of its way, has no way ahead."""
+ASKS_S, YIELDS_S = 2.0, 1.0
+"""How long one asks after it has stood, and how long one steps aside after it was asked."""
+
+
+class Told(NamedTuple):
+    """What a planner tells of its newest turn."""
+
+    turn: int
+    """Its number, from 0; -1 before take-off."""
+    plan: CommittedPlan
+    goal: tuple[float, float]
+    """Where it wants to be, x y, m."""
+    way: float
+    """Way to go of the one for which it asks others to step aside, m; 0 if it does not ask."""
+    asker: str
+    """For whom it asks: itself, or the one for which it steps aside."""
+    is_down: bool
+    """It does not fly its plan: its supervisor has taken over. The plan is to stay where it is."""
+
+    @property
+    def size(self) -> int:
+        """Bytes of it on a network: knots in single precision, and twelve further numbers."""
+        return 4 * self.plan.knots.size + 48
+
+
+class Manners(NamedTuple):
+    """When to ask, and how far to step aside."""
+
+    period: float
+    """Between two turns, s."""
+    patience: float
+    """Standing this long, one asks, s."""
+    distance: float
+    """Promised between plans, m."""
+    aside: float
+    """Who is nearer than the distance and this, steps aside, m."""
+    half_width: float
+    """Nobody steps aside further than this from the middle of the room, m."""
+
+
+class RightOfWay:
+    """Where one helicopter heads for, given what the others ask.
+
+    Args:
+        name: Its own.
+        manners: When to ask, and how far to step aside.
+    """
+
+    def __init__(self, name: str, manners: Manners) -> None:
+        self._name, self._manners = name, manners
+        self._places: list[Array] = []
+        """Where it was in its last turns."""
+        self._asks_until = -1
+        self._yields: tuple[Told, float, int] | None = None
+        """To whom, on which side, and until which turn."""
+        self._goes_round: tuple[str, float] | None = None
+        """Whom, and on which side."""
+
+    def asks(self, turn: int, scene: Scene, goal: Array) -> bool:
+        """Return whether it asks others to step aside from its way to a goal (2,)."""
+        return turn <= self._asks_until and np.hypot(*(goal - scene.here)) >= NEAR_M
+
+    def stands(self, turn: int, scene: Scene, goal: Array, reason: str) -> bool:
+        """Return whether it has stood, or moved to and fro, for a while where it does not want to be; then it asks.
+
+        Args:
+            turn: Number of this turn.
+            scene: What it knows.
+            goal: (2,) where it wants to be, m.
+            reason: Of its last note: who flies its wish does not stand, but starts.
+        """
+        m, here = self._manners, scene.here
+        patience = max(1, round(m.patience / m.period))
+        if reason in (FREE, JOINS) or np.hypot(*(goal - here)) < NEAR_M:
+            self._places = []
+        self._places = [*self._places[-TO_AND_FRO * patience :], here]
+        since = np.hypot(*(np.array(self._places) - here).T)
+        rests = np.abs(scene.old[1:4, 1, :2]).max() < 0.03
+        stands = bool(
+            (rests and len(since) > patience and since[-patience:].max() < 0.03)
+            or (len(since) > TO_AND_FRO * patience and since.max() < NEAR_M)
+        )
+        if stands:
+            self._asks_until = turn + round(ASKS_S / m.period)
+        return stands
+
+    def aside(self, turn: int, scene: Scene, heard: Mapping[str, Told], way: float) -> tuple[Array, Told] | None:
+        """Return where to step aside to (2,), and who asks; None if nobody does.
+
+        Args:
+            turn: Number of this turn.
+            scene: What it knows.
+            heard: Of each other.
+            way: Own way to go, m.
+        """
+        m = self._manners
+        mine = (way, self._name) if turn <= self._asks_until else (0.0, "")
+        if self._yields and turn > self._yields[2]:
+            self._yields = None
+        for j, name in enumerate(scene.names):
+            told = heard[name]
+            if not told.way or told.asker == self._name or (told.way, told.asker) <= mine:
+                continue
+            if self._yields and self._yields[0].way > told.way and self._yields[0].asker != told.asker:
+                continue
+            ahead, sideways, _ = _seen_from(scene.knots[j, 1], told.goal, scene.here)
+            if ahead > 0.0 and np.hypot(ahead, sideways) < m.distance + m.aside:
+                side = 1.0 if sideways > 0.01 else -1.0
+                if self._yields and self._yields[0].asker == told.asker:
+                    side = self._yields[1]
+                self._yields = told, side, turn + round(YIELDS_S / m.period)
+        return self._place_beside(scene, *self._yields[:2]) if self._yields else None
+
+    def _place_beside(self, scene: Scene, told: Told, side: float) -> tuple[Array, Told]:
+        """Return the place beside the way of who asks: on that side, or on the other where the room ends."""
+        m, start = self._manners, knots_from(told.plan, scene.first, 1)[0, 0, :2]
+        ahead, sideways, along = _seen_from(start, told.goal, scene.here)
+        across = np.array([-along[1], along[0]])
+        first, other = (start + ahead * along + s * max(s * sideways, m.distance + 0.1) * across for s in (side, -side))
+        place = first if np.abs(first).max() <= m.half_width else other
+        return np.clip(place, -m.half_width, m.half_width), told
+
+    def heading_for(self, scene: Scene, goal: Array) -> Array:
+        """Return where to head for (2,): a goal, or beside the first that stands in the way, or to the right."""
+        way = goal - scene.here
+        length = max(float(np.hypot(*way)), 1e-9)
+        first, shortest = None, np.inf
+        for j, name in enumerate(scene.names):
+            centre, radius = scene.knots[j, 1], float(scene.wide[j, 0]) + 0.05
+            if np.abs(scene.knots[j, -1] - centre).max() >= 0.1 or np.hypot(*(goal - centre)) <= radius - 0.05:
+                continue
+            ahead, sideways, _ = _seen_from(scene.here, (float(goal[0]), float(goal[1])), centre)
+            if 0.0 < ahead < min(length, shortest) and abs(sideways) < radius - 0.02:
+                first, shortest = (name, centre, radius, sideways), ahead
+        if first is not None:
+            return self._round(scene.here, length, *first)
+        self._goes_round = None
+        ahead = float((scene.old[-1, 0, :2] - scene.here) @ way) / length
+        if ahead >= AHEAD_SHARE * min(length, AHEAD_M):
+            return goal
+        # Those that move leave no way ahead: all go round each other.
+        c, s = np.cos(RIGHT_RAD), np.sin(RIGHT_RAD)
+        return scene.here + min(1.0, 1.0 / length) * np.array([c * way[0] + s * way[1], c * way[1] - s * way[0]])
+
+    def _round(self, here: Array, length: float, name: str, centre: Array, radius: float, sideways: float) -> Array:
+        """Return a place on the tangent to a circle about one that stands; on the same side as before."""
+        side = -1.0 if sideways > -0.02 else 1.0
+        if self._goes_round and self._goes_round[0] == name:
+            side = self._goes_round[1]
+        self._goes_round = name, side
+        there = centre - here
+        apart = float(np.hypot(*there))
+        angle = np.arctan2(there[1], there[0]) + side * np.arcsin(min(radius / apart, 1.0))
+        return here + min(length, apart + 0.3) * np.array([np.cos(angle), np.sin(angle)])
+
+
+def _seen_from(start: Array, goal: tuple[float, float], here: Array) -> tuple[float, float, Array]:
+    """Return how far ahead and to the left of a way a point is, m, and the direction (2,) of the way."""
+    along = np.array(goal) - start
+    along /= max(float(np.hypot(*along)), 1e-9)
+    x, y = here - start
+    return float(x * along[0] + y * along[1]), float(y * along[0] - x * along[1]), along
