@@ -50,7 +50,9 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
     )
     parser.add_argument("--no-log", action="store_true", help="keep no log")
     parser.add_argument(
-        "--rerun", metavar="spawn|connect|FILE.rrd", help="stream to a viewer or a Rerun file while flying"
+        "--rerun",
+        metavar="spawn|connect|FILE.rrd",
+        help="stream to a viewer or a Rerun file while flying; of several helicopters, afterwards",
     )
     parser.add_argument(
         "--require",

@@ -15,7 +15,10 @@ import controllers
 import heli_twin
 from heli_twin.lab.plant.mujoco import model_file
 
-ROOMS = ("controllers", "heli_twin/experiment", "heli_twin/lab", "heli_twin/metrics", "heli_twin/recording")
+ROOMS = (
+    *("controllers", "heli_twin/experiment", "heli_twin/lab", "heli_twin/metrics", "heli_twin/recording"),
+    "heli_twin/several",
+)
 MODULES = (
     *("flight.py", "logbook.py", "mission.py", "studies/columns.py", "studies/work.py"),
     *(f"requirements/{name}.py" for name in ("file", "formula", "judge", "parser", "signals", "units")),

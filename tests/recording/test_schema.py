@@ -28,21 +28,23 @@ from heli_twin.recording.schema import (
 )
 
 ROOT = Path(heli_twin.recording.__file__).parents[2]
-PROTO = "heli_twin/recording/flight.proto"
+PROTOS = ("heli_twin/recording/flight.proto", "heli_twin/recording/ships.proto")
 GENERATOR = re.compile("^# Protobuf Python Version: (.*)", re.MULTILINE)
 DESCRIPTOR = re.compile("^DESCRIPTOR = .*", re.MULTILINE)
 """The part that does not depend on the version of the generator."""
-COMMAND = f"python -m grpc_tools.protoc -I. --python_out=. --pyi_out=. {PROTO}"
+COMMAND = "python -m grpc_tools.protoc -I. --python_out=. --pyi_out=."
 
 
-def test_generated_code_is_up_to_date(tmp_path: Path) -> None:
-    options = [f"-I{ROOT}", f"--python_out={tmp_path}", f"--pyi_out={tmp_path}", str(ROOT / PROTO)]
+@pytest.mark.parametrize("proto", PROTOS)
+def test_generated_code_is_up_to_date(tmp_path: Path, proto: str) -> None:
+    options = [f"-I{ROOT}", f"--python_out={tmp_path}", f"--pyi_out={tmp_path}", str(ROOT / proto)]
+    stem = Path(proto).stem
     subprocess.run([sys.executable, "-m", "grpc_tools.protoc", *options], check=True)
     (committed, stub), (fresh, fresh_stub) = (
-        [(top / PROTO).with_name(name).read_text() for name in ("flight_pb2.py", "flight_pb2.pyi")]
+        [(top / proto).with_name(name).read_text() for name in (f"{stem}_pb2.py", f"{stem}_pb2.pyi")]
         for top in (ROOT, tmp_path)
     )
-    again = f"flight_pb2.py is not what flight.proto gives: run `{COMMAND}` at the top of the repository"
+    again = f"{stem}_pb2.py is not what {proto} gives: run `{COMMAND} {proto}` at the top of the repository"
     assert GENERATOR.findall(committed) == ["6.31.1"], "generate with grpcio-tools 1.75: protobuf from 6.31 on reads it"
     assert DESCRIPTOR.findall(committed) == DESCRIPTOR.findall(fresh), again
     if GENERATOR.findall(fresh) == ["6.31.1"]:

@@ -49,8 +49,9 @@ def edited(old, new, name="pid.py"):
 
 def test_every_module_of_a_flight_is_hashed():
     script = (
-        "import sys; from heli_twin import fly, load;"
+        "import sys; from heli_twin import fly, fly_several, load, load_several;"
         "fly(load(None, ['duration=0.1']), log_dir=None).summary();"
+        "fly_several(load_several('pair', ['duration=0.1']), log_dir=None).summary();"
         "print(*sorted(m for m in sys.modules if m.split('.')[0] in ('heli_twin', 'controllers')))"
     )
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
