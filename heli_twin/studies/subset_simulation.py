@@ -179,14 +179,19 @@ def _estimate(
     return Estimate(probability, float(low), float(high), tuple(levels), failures, evaluations)
 
 
+def combined(states: Sequence[State], weights: Sequence[float]) -> State:
+    """Return the weighted sum of states."""
+    noise: dict[int, float] = {}
+    for state, weight in zip(states, weights, strict=True):
+        for seed, part in state.noise:
+            noise[seed] = noise.get(seed, 0.0) + weight * part
+    place = np.asarray(weights) @ np.array([state.place for state in states]) if states else np.empty(0)
+    return State(tuple(place.tolist()), tuple(noise.items()))
+
+
 def mean_state(states: Sequence[State]) -> State:
     """Return the mean of states: for failures, near the most likely one; its squared weights add up to less than 1."""
-    weights: dict[int, float] = {}
-    for state in states:
-        for seed, weight in state.noise:
-            weights[seed] = weights.get(seed, 0.0) + weight / len(states)
-    place = np.mean([state.place for state in states], axis=0) if states else np.empty(0)
-    return State(tuple(place.tolist()), tuple(weights.items()))
+    return combined(states, [1.0 / len(states)] * len(states))
 
 
 def scaled(state: State, factor: float) -> State:

@@ -12,7 +12,15 @@ from heli_twin.lab.chance import mixed
 from heli_twin.studies.campaign import run_study
 from heli_twin.studies.designs.rare_event import estimate_of
 from heli_twin.studies.errors import StudyError
-from heli_twin.studies.least_failure import RANDOM, narrowings, random_states
+from heli_twin.studies.least_failure import (
+    RANDOM,
+    length,
+    narrowings,
+    parts_of,
+    random_states,
+    some_of,
+    steepest,
+)
 from heli_twin.studies.plan import plan_of
 from heli_twin.studies.report import write_report
 from heli_twin.studies.report.rare_event import searches, told_rare_event
@@ -181,12 +189,12 @@ def found(tmp_path_factory):
 
 def test_the_least_failure_just_fails_and_none_is_found_where_there_is_none(found):
     (search,) = searches(found)
-    score, factor = found["rmse.position"], found["factor"].astype(float)
+    score, noise = found["rmse.position"], found["noise_size"].astype(float)
     assert set(search.least) == {"all", "noise"}
     for change, least in search.least.items():
         mine = np.flatnonzero(found["change"] == change)
-        assert not (score[mine][factor[mine] < factor[least.row]] >= 1.5).any()
-        # Two passes of eight flights: a 64th of the factors that are tried.
+        assert change == "all" or not (score[mine][noise[mine] < least.noise] >= 1.5).any()
+        # Two passes of eight flights: a 64th of the changes that are tried.
         assert 1.5 <= score[least.row] < 1.5 + 0.05
     # Without noise the strongest gust has a score of 1.
     assert found[GUST][search.least["noise"].row] == 0.5
@@ -232,7 +240,7 @@ def test_several_replicates_and_a_limit_above_a_crash_are_refused():
 
 def test_the_number_of_flights_is_told_before():
     plan = plan_of(study_of(TREE))
-    assert plan.count() == 2 * (50 + 2 * 45 + 3 * 16 + 20)
+    assert plan.count() == 2 * (50 + 2 * 45 + 4 * 16 + 16 + 20)
 
 
 def test_where_flights_fail_in_many_ways_their_small_mean_is_scaled_up_to_all_usual_noise():
@@ -243,3 +251,25 @@ def test_where_flights_fail_in_many_ways_their_small_mean_is_scaled_up_to_all_us
         pytest.approx((4.0, 0.0)),
     ]
     assert [each.change for each in narrowings(State((), ((1, 1.0),)))] == ["all"]
+
+
+def test_the_nearest_failure_of_a_linear_plant_is_found_in_the_span_of_the_parts():
+    """With three independent parts of slopes 3, 0 and -4 the nearest failure lies along (3, 0, -4), nearer than any."""
+    parts = [State((), ((seed, 1.0),)) for seed in (1, 2, 3)]
+    direction = steepest(parts, [3.0, 0.0, -4.0])
+    assert dict(direction.noise) == {1: pytest.approx(0.6), 2: 0.0, 3: pytest.approx(-0.8)}
+    assert steepest(parts, [3.0, inf, 0.0]) is None
+    assert steepest(parts, [0.0, 0.0, 0.0]) is None
+    assert steepest([], []) is None
+    # Two parts that are nearly the same count as one.
+    twins = [State((), ((1, 1.0),)), State((), ((1, 0.99999), (2, 0.001))), State((), ((3, 1.0),))]
+    assert dict(steepest(twins, [1.0, 1.0, 1.0]).noise)[3] == pytest.approx(0.7, abs=0.02)
+
+
+def test_families_of_failures_are_parts_of_size_one():
+    family = [State((2.0,), ((1, 0.6), (seed, 0.8))) for seed in (5, 6)]
+    parts = parts_of([*family, State((0.0,), ((2, 1.0),))])
+    assert [length(*size(part), 1) for part in parts] == [pytest.approx(1.0)] * 2
+    assert [part.noise[0][0] for part in parts] == [1, 2]
+    assert len(some_of([family[0]] * 1001)) == 91
+    assert len(some_of(family)) == 2

@@ -1,9 +1,9 @@
 """The probability of a rare failure, over the scatter of the axes and the noise itself, by subset simulation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from math import inf
-from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le, doc
@@ -14,15 +14,21 @@ from heli_twin.studies.designs import Batches, Point, Row
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.least_failure import (
     MOST_CHANGES,
+    MOST_PARTS,
     RANDOM,
     TRIED,
     Narrowing,
     first_random_seed,
+    length,
     narrowings,
+    parts_of,
     random_states,
+    some_of,
+    steepest,
+    stepped,
 )
 from heli_twin.studies.space import Space
-from heli_twin.studies.subset_simulation import Estimate, State, mean_state, scaled, subset_simulation
+from heli_twin.studies.subset_simulation import Estimate, State, mean_state, size, subset_simulation
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +59,9 @@ class RareEvent:
     def count(self, space: Space) -> int:
         """All levels, and the flights that look for the least failure and around it."""
         chains = round(0.1 * self.samples)
-        changes = 3 if space.axes else 1
-        flights = self.samples + (self.levels - 1) * (self.samples - chains) + 2 * TRIED * changes + RANDOM
+        changes = MOST_CHANGES if space.axes else 1
+        levels = self.samples + (self.levels - 1) * (self.samples - chains)
+        flights = levels + 2 * TRIED * (changes + 1) + MOST_PARTS + RANDOM
         return len(space.alternatives) * flights
 
     def batches(self, space: Space) -> Batches:
@@ -84,61 +91,67 @@ class RareEvent:
                     found[name] = end.value
                     del asked[name]
             first += width
-        yield from self._least(space, found, first)
+        yield from self._least(space, found, count(first))
 
-    def _least(self, space: Space, found: Mapping[str, Estimate], first: int) -> Batches:
-        """Fly the mean failure scaled, twice, and then as far in random directions."""
-        open_ones: dict[str, list[Narrowing]] = {
-            name: narrowings(mean_state(estimate.failures)) for name, estimate in found.items() if estimate.failures
-        }
+    def _least(self, space: Space, found: Mapping[str, Estimate], numbers: Iterator[int]) -> Batches:
+        """Fly the mean failure scaled, a nearer one, and then as far in random directions."""
+        failures = {name: some_of(estimate.failures) for name, estimate in found.items() if estimate.failures}
+        means = {name: narrowings(mean_state(states)) for name, states in failures.items()}
+        changes = yield from self._narrowed(space, means, numbers)
+        least = {name: those[0] for name, those in changes.items() if those and those[0].change == "all"}
+        parts = {name: parts_of(failures[name]) for name in least}
+        steps = [(name, "slope", stepped(least[name].least, part)) for name, some in parts.items() for part in some]
+        scores = iter((yield from self._flown(space, steps, numbers)))
+        nearer: dict[str, list[Narrowing]] = {}
+        for name, some in parts.items():
+            direction = steepest(some, [next(scores) - least[name].score for _ in some])
+            if direction is not None:
+                farthest = 1.1 * length(*size(least[name].least), len(space.axes))
+                nearer[name] = [Narrowing("all", direction, high=farthest)]
+        turned = yield from self._narrowed(space, nearer, numbers)
+        least |= {name: those[0] for name, those in turned.items() if those}
+        first = first_random_seed(space.seeds.start)
+        asked = [(name, "random", s) for name, each in least.items() for s in random_states(each.least, first)]
+        yield from self._flown(space, asked, numbers)
+
+    def _narrowed(
+        self, space: Space, changes: dict[str, list[Narrowing]], numbers: Iterator[int]
+    ) -> Generator[Iterable[Point], list[Row], dict[str, list[Narrowing]]]:
+        """Scale each change twice; returns those that are known to fail."""
         for _ in range(2):
-            asked = {
-                (name, k, i): (first + TRIED * k + i, each.change, state, each.factors[i])
-                for name, those in open_ones.items()
-                for k, each in enumerate(those)
-                for i, state in enumerate(each.states)
-            }
-            if not asked:
-                return
-            rows = yield [
-                self._point(space, state, name, number, {"factor": factor, "change": change})._replace(
-                    keep=change == "all"
-                )
-                for (name, _, _), (number, change, state, factor) in asked.items()
+            asked = [
+                (name, each.change, state) for name, those in changes.items() for each in those for state in each.states
             ]
-            scores = _scores(rows, space)
-            failed = {place: scores[place[0], number] >= self.limit for place, (number, *_) in asked.items()}
-            open_ones = {
-                name: [
-                    left
-                    for k, each in enumerate(those)
-                    if (left := each.learn({i: failed[name, k, i] for i in range(TRIED)})) is not None
-                ]
-                for name, those in open_ones.items()
+            scores = iter((yield from self._flown(space, asked, numbers)))
+            learnt = {
+                name: [each.learn([next(scores) for _ in range(TRIED)], self.limit) for each in those]
+                for name, those in changes.items()
             }
-            first += TRIED * MOST_CHANGES
-        least = {name: scaled(those[0].state, those[0].high) for name, those in open_ones.items() if those}
-        yield [
-            self._point(space, state, name, first + i, {"change": "random"})
-            for name, nearest in least.items()
-            for i, state in enumerate(random_states(nearest, first_random_seed(space.seeds.start)))
-        ]
+            changes = {name: [each for each in those if each is not None] for name, those in learnt.items()}
+        return changes
 
-    def _point(
-        self,
-        space: Space,
-        state: State,
-        alternative: str,
-        number: int,
-        labels: Mapping[str, Any] = MappingProxyType({}),
-    ) -> Point:
+    def _flown(
+        self, space: Space, asked: Sequence[tuple[str, str, State]], numbers: Iterator[int]
+    ) -> Generator[Iterable[Point], list[Row], list[float]]:
+        """Fly states of alternatives, each with what was changed; returns their scores."""
+        if not asked:
+            return []
+        points = [
+            self._point(space, state, name, next(numbers), change)._replace(keep=change == "all")
+            for name, change, state in asked
+        ]
+        scores = _scores((yield points), space)
+        return [scores[name, point.labels["state"]] for (name, *_), point in zip(asked, points, strict=True)]
+
+    def _point(self, space: Space, state: State, alternative: str, number: int, change: str = "search") -> Point:
         changes: dict[str, Any] = {
             path: axis.quantile(min(float(ndtr(z)), 1.0 - 1e-12))
             for (path, axis), z in zip(space.axes.items(), state.place, strict=True)
         }
         changes["noise"] = [[seed, weight] for seed, weight in state.noise]
-        told = {"state": number, "factor": None, "change": "search", **labels}
-        return Point(changes, told, alternatives=(alternative,))
+        axes, noise = size(state)
+        labels = {"state": number, "change": change, "axes_size": axes, "noise_size": noise}
+        return Point(changes, labels, alternatives=(alternative,))
 
 
 def _scores(rows: Sequence[Row], space: Space) -> dict[tuple[str, int], float]:

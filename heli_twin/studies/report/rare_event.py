@@ -10,10 +10,10 @@ from heli_twin.reporting.intervals import wilson
 from heli_twin.reporting.words import metric, number, percent
 from heli_twin.studies.columns import SCORED, excess
 from heli_twin.studies.designs.rare_event import RareEvent, estimate_of
-from heli_twin.studies.least_failure import Change
+from heli_twin.studies.least_failure import Change, length
 from heli_twin.studies.report.results import INDEPENDENT_SENTENCE, Results
 from heli_twin.studies.report.search import place_of
-from heli_twin.studies.subset_simulation import Estimate, mean_state, size
+from heli_twin.studies.subset_simulation import Estimate
 from heli_twin.studies.worst import command_of
 
 HEADER = ("", "probability", "95 % interval", "flights", "levels", "worst of the search", "worst of the random flights")
@@ -74,8 +74,9 @@ def rare_event(results: Results) -> Iterator[Figure | Table]:
     rows = [row for each in found for row in _least_rows(each, results)]
     if rows:
         noise = (
-            "The mean of all failures, scaled until it just fails: near the most likely failure, and an upper limit of"
-            " the least change. Nominal is no noise and the middle of every axis; usual noise is 1."
+            "Near the most likely failure: the mean of all failures, turned to where the score grows most and scaled"
+            " until it just fails. It is an upper limit: a smaller change may fail. Nominal is no noise and the middle"
+            " of every axis; usual noise is 1."
             " If as large a change in a random direction seldom fails, its direction matters and not its size."
         )
         yield Table("The least change that fails", noise, LEAST_HEADER, rows, codes=(4,))
@@ -113,7 +114,7 @@ def _found(results: Results, alternative: str, design: RareEvent) -> Found:
     searched = mine.where(change == "search")
     scores = _scores(searched)[np.argsort(searched["state"])]
     estimate = estimate_of(design, len(results.axes), results.study.seed, scores.tolist())
-    least = _least(mine, change, estimate, design) if estimate is not None and estimate.failures else {}
+    least = _least(mine, change, design) if estimate is not None and estimate.failures else {}
     return Found(alternative, estimate, mine, least, _scores(mine.where(change == "random")))
 
 
@@ -125,16 +126,15 @@ def _changes(mine: Results) -> Array:
     return np.where(np.isnan(mine["factor"].astype(float)), "search", "all")
 
 
-def _least(mine: Results, change: Array, estimate: Estimate, design: RareEvent) -> dict[Change, Least]:
-    factor, failed = mine["factor"].astype(float), _scores(mine) >= design.limit
-    axes, noise = size(mean_state(estimate.failures))
+def _least(mine: Results, change: Array, design: RareEvent) -> dict[Change, Least]:
+    failed = _scores(mine) >= design.limit
+    axes, noise = (mine[f"{what}_size"].astype(float) for what in ("axes", "noise"))
     least: dict[Change, Least] = {}
     for name in ("all", *ALONE):
-        rows = np.flatnonzero((change == name) & failed)
+        rows = np.flatnonzero((change == name) & failed & np.isfinite(axes))
         if len(rows):
-            best = int(rows[np.argmin(factor[rows])])
-            f = float(factor[best])
-            least[name] = Least(0.0 if name == "axes" else f * noise, 0.0 if name == "noise" else f * axes, best)
+            best = int(min(rows, key=lambda row: length(axes[row], noise[row], len(mine.axes))))
+            least[name] = Least(float(noise[best]), float(axes[best]), best)
     return least
 
 

@@ -20,7 +20,8 @@ from heli_twin.terminal_text import pasteable
 PLACE_COLUMNS = ("id", "alternative", "point", "replicate", "seed")
 FLIGHT_COLUMNS = ("outcome", "outcome_text", "effort", "controller.period")
 DESIGN_COLUMNS = ("rung", "height", "varied", "level", "matrix", "sample", "trajectory", "move", "moved", "by")
-SEARCH_COLUMNS = ("axis", "share", "value", "found_by", "trial", "state", "factor", "change", "asked")
+SEARCH_COLUMNS = ("axis", "share", "value", "found_by", "trial", "asked")
+RARE_COLUMNS = ("state", "factor", "change", "axes_size", "noise_size")
 TIMES = ("solve_ms.p50", "solve_ms.p99", "solve_ms.max", "control_step_ms.p99", "control_step_ms.max")
 
 INDEPENDENT_SENTENCE = (
@@ -127,7 +128,7 @@ def results_of(folder: Path) -> Results:
     with Store(folder) as store:
         about = store.about()
     study = stored_study(about["study"])
-    fixed = (*PLACE_COLUMNS, *FLIGHT_COLUMNS, *DESIGN_COLUMNS, *SEARCH_COLUMNS, *TIMES)
+    fixed = (*PLACE_COLUMNS, *FLIGHT_COLUMNS, *DESIGN_COLUMNS, *SEARCH_COLUMNS, *RARE_COLUMNS, *TIMES)
     wanted = [*fixed, *study.axes, study.score, *study.metrics, *_criteria(study)]
     table = read_results(folder, list(dict.fromkeys(wanted)))
     columns = {name: _column(table.column(name)) for name in table.column_names}
