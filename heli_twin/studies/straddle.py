@@ -31,6 +31,9 @@ RESTARTS = 1
 DRAWS = 400
 """Functions that are drawn for the interval of a share."""
 DRAW_PLACES_LOG2 = 10
+WIDER = 2.0
+"""The draws take the fitted lengths and noise as known. Of random functions their own width held the share of 59 in 60 (two
+axes, 80 points) and of 4 in 8 (six axes, 160 points); twice of it that of all."""
 Z95 = 1.959964
 
 
@@ -136,8 +139,8 @@ def next_places(places: Array, values: Array, count: int, seed: int) -> Array:
 def share_above(surrogate: Surrogate, axes: int) -> Interval:
     """Return the share of the unit cube where the function is above zero, with its 95 % interval.
 
-    The interval is that of functions drawn from the process at evenly spread places, all of a function together. It
-    reaches one place to either side at least: nothing finer can be seen there.
+    The interval is twice that of functions drawn from the process at evenly spread places, all of a function together.
+    It reaches one place to either side at least: nothing finer can be seen there.
     """
     places = spread_places(axes, DRAW_PLACES_LOG2, 0)
     with threadpool_limits(1):
@@ -148,6 +151,7 @@ def share_above(surrogate: Surrogate, axes: int) -> Interval:
     low, high = np.quantile(shares, [0.025, 0.975])
     # The places are too few for the share itself, but see how it varies.
     share = float(np.mean(surrogate.above(spread_places(axes, CANDIDATES_LOG2 + 2, 0))))
-    off, step = share - float(np.mean(surrogate.above(places))), 1.0 / len(places)
-    low, high = max(0.0, min(low + off, share - step)), min(1.0, max(high + off, share + step))
+    middle, step = float(np.mean(surrogate.above(places))), 1.0 / len(places)
+    below, above = max(WIDER * (middle - low), step), max(WIDER * (high - middle), step)
+    low, high = max(0.0, share - below), min(1.0, share + above)
     return Interval(share, float(low), float(high), len(surrogate.process.X_train_))
