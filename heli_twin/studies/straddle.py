@@ -32,8 +32,8 @@ DRAWS = 400
 """Functions that are drawn for the interval of a share."""
 DRAW_PLACES_LOG2 = 10
 WIDER = 2.0
-"""The draws take the fitted lengths and noise as known. Of random functions their own width held the share of 59 in 60 (two
-axes, 80 points) and of 4 in 8 (six axes, 160 points); twice of it that of all."""
+"""The draws take the fitted lengths and noise as known. Of random functions their own width held the share of 59 in 60
+(two axes, 80 points) and of 4 in 8 (six axes, 160 points); twice of it that of all."""
 Z95 = 1.959964
 
 
