@@ -14,7 +14,8 @@ BELOW_M, ABOVE_M = 0.047, 0.076
 """From the centre of gravity down to the skids and up to the bar, upright."""
 
 
-def touching(a: Array, b: Array) -> bool:
-    """Return whether two helicopters touch whose centres of gravity are at a and b, (3,) world, m."""
-    across, above = a[:2] - b[:2], abs(float(a[2] - b[2]))
-    return bool(np.hypot(*across) < 2.0 * RADIUS_M and above < BELOW_M + ABOVE_M)
+def touching(positions: Array) -> list[tuple[int, int]]:
+    """Return the pairs that touch of helicopters whose centres of gravity are at `positions`, (n, 3), world, m."""
+    apart = positions[:, None] - positions
+    near = (np.hypot(apart[..., 0], apart[..., 1]) < 2.0 * RADIUS_M) & (np.abs(apart[..., 2]) < BELOW_M + ABOVE_M)
+    return [(i, j) for i, j in np.argwhere(near).tolist() if i < j]

@@ -7,7 +7,6 @@ Messages between ground stations go over the network of the room.
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from itertools import combinations
 from time import perf_counter_ns
 from typing import NamedTuple
 
@@ -98,14 +97,16 @@ class Room:
 
     def meet(self, t: int) -> None:
         """Do at a common time t, ns, what concerns more than one of them."""
-        truths = {name: station.flight.plant.truth() for name, station in self.stations.items()}
-        for name, station in self.stations.items():
-            others = [truth for other, truth in truths.items() if other != name]
-            station.flight.neighbours = others
-            station.flight.others = np.array([other.position for other in others]).reshape(-1, 3)
-        for a, b in combinations(truths, 2):
+        truths = [station.flight.plant.truth() for station in self.stations.values()]
+        positions = np.array([truth.position for truth in truths])
+        for i, station in enumerate(self.stations.values()):
+            station.flight.neighbours = truths[:i] + truths[i + 1 :]
+            station.flight.others = np.concatenate([positions[:i], positions[i + 1 :]])
+        names = list(self.stations)
+        for i, j in touching(positions):
+            a, b = names[i], names[j]
             # Two that lie where they have touched touch for ever.
-            if not (a in self.outcomes and b in self.outcomes) and touching(truths[a].position, truths[b].position):
+            if not (a in self.outcomes and b in self.outcomes):
                 self.collided(t, a, b)
         for delivery in self.network.arrived(t):
             self.received[delivery.receiver] += 1

@@ -1,87 +1,80 @@
-"""Distances and arrivals of several helicopters with known values."""
+"""How near several helicopters came, and who arrived."""
 
 import numpy as np
 import pytest
 
+from controllers.signals import Array
 from controllers.trajectories.circle import Circle
-from controllers.trajectories.hover import Hover
-from heli_twin import fly, load
-from heli_twin.metrics.contact import touching
-from heli_twin.metrics.several import ARRIVED_M, arrival, flown_paths, least_over_time, nearest
+from controllers.trajectories.waypoints import Waypoints
+from heli_twin.experiment.several_text import load_several
+from heli_twin.metrics.several import arrival, least_over_time, nearest, several_metrics
+from heli_twin.several.fly import SeveralResult, fly_several, wishes_of
 
 
-def straight(start, velocity, times):
-    times = np.array(times, float)
-    return times, np.array(start) + times[:, None] * np.array(velocity)
+def line(start: tuple[float, float, float], end: tuple[float, float, float], *times: float) -> tuple[Array, Array]:
+    """A straight flight from time 0 to 1 s, sampled at some times."""
+    t = np.array(times)
+    return t, np.array(start) + t[:, None] * (np.array(end) - np.array(start))
 
 
-def test_two_that_pass_are_nearest_between_their_samples():
-    north = straight((-1.0, 0.0, 1.0), (1.0, 0.0, 0.0), [0.0, 0.7, 1.5, 3.0])
-    west = straight((0.0, -1.3, 1.2), (0.0, 1.0, 0.0), [0.0, 3.0])
-    # In the plane (t - 1)^2 + (t - 1.3)^2, and 0.2 m of height beside it.
-    plane, space = nearest({"a": north, "b": west}, axes=2), nearest({"a": north, "b": west})
-    assert (plane.ships, space.ships) == (("a", "b"), ("a", "b"))
-    assert plane[:2] == pytest.approx((0.3 / np.sqrt(2.0), 1.15))
-    assert space[:2] == pytest.approx((np.hypot(0.2, 0.3 / np.sqrt(2.0)), 1.15))
-    far = straight((9.0, 9.0, 1.0), (0.0, 0.0, 0.0), [0.0, 3.0])
-    assert nearest({"far": far, "a": north, "b": west}, axes=2) == plane
-    assert nearest({"a": north}) is None
-    time, distance = least_over_time({"far": far, "a": north, "b": west})
-    assert distance == pytest.approx(np.hypot(time - 1.0, time - 1.3))
+def test_the_least_distance_is_found_between_samples():
+    a = line((-1, 0.1, 1), (1, 0.1, 1), 0.0, 0.3, 1.0)
+    b = line((1, -0.1, 1.2), (-1, -0.1, 1.2), 0.0, 0.8, 1.0)
+    found = nearest({"a": a, "b": b})
+    assert found is not None
+    # They pass at the half, 0.2 m beside and 0.2 m above each other.
+    assert found.distance == pytest.approx(np.hypot(0.2, 0.2))
+    assert found.time == pytest.approx(0.5)
+    assert found.ships == ("a", "b")
+    plane = nearest({"a": a, "b": b, "c": line((5, 5, 5), (6, 6, 6), 0.0, 1.0)}, axes=2)
+    assert plane is not None
+    assert plane.distance == pytest.approx(0.2)
+    assert nearest({"a": a}) is None
 
 
-def test_only_times_at_which_both_were_recorded_count():
-    early = straight((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), [0.0, 1.0])
-    late = straight((-4.0, 0.0, 1.0), (1.0, 0.0, 0.0), [0.0, 8.0])
-    assert nearest({"a": early, "b": late})[:2] == pytest.approx((3.0, 1.0))
-    assert nearest({"a": early, "b": straight((0, 0, 0), (1, 0, 0), [2.0, 3.0])}) is None
-
-
-@pytest.mark.parametrize(("across", "above", "touch"), [(0.189, 0.122, True), (0.191, 0.0, False), (0.0, 0.124, False)])
-def test_two_touch_as_upright_cylinders(across, above, touch):
-    low = np.array([0.3, -0.2, 1.0])
-    high = low + np.array([0.6 * across, -0.8 * across, above])
-    assert touching(low, high) == touching(high, low) == touch
+def test_only_times_that_both_have_count():
+    early, late = line((0, 0, 1), (1, 0, 1), 0.0, 0.4), line((0, 0, 1), (1, 0, 1), 0.6, 1.0)
+    assert nearest({"a": early, "b": late}) is None
+    time, least = least_over_time(
+        {"a": line((0, 0, 1), (0, 0, 1), 0.0, 1.0), "b": line((0, 3, 1), (0, 1, 1), 0.0, 0.5, 1.0)}
+    )
+    assert time.tolist() == [0.0, 0.5, 1.0]
+    assert least == pytest.approx([3.0, 2.0, 1.0])
 
 
 @pytest.fixture(scope="module")
-def hovering():
-    return fly(load("ideal", ["duration=2", "trajectory=hover"]), log_dir=None).log
+def flown() -> SeveralResult:
+    """One that goes 0.6 m in two seconds, and one that hovers, both without noise."""
+    words = ["base=ideal", "coordination=none", "scenario=own", "duration=3", "ships.a.trajectory=waypoints"]
+    points = "ships.a.trajectory.points=[[0,0,1,0],[0.6,0,1,0]]"
+    words += [points, "ships.a.trajectory.times=[0,2]", "ships.b.trajectory=hover", "ships.b.trajectory.y=2"]
+    return fly_several(load_several("pair", words), log_dir=None)
 
 
-def test_who_is_at_its_goal_has_arrived_from_the_beginning(hovering):
-    assert arrival(hovering, Hover()) == (True, 0.0, 0.0)
-    assert arrival(hovering, Hover(x=0.99 * ARRIVED_M)).arrived
-    assert arrival(hovering, Hover(x=1.01 * ARRIVED_M)) == (False, None, 0.0)
+def test_who_stays_at_its_goal_has_arrived(flown: SeveralResult):
+    found = several_metrics(flown.log, wishes_of(flown.several))
+    assert (found["arrived"], found["missing"], found["stuck"]) == (2, 0, 0.0)
+    wish = flown.several.fleet()["a"].trajectory
+    moved = wish.flat(np.linspace(0.0, 2.0, 2001)).z[:, 0]
+    # Within 15 cm of the end; the ideal helicopter follows its plan to some millimetres.
+    assert found["time_to_goal"] == pytest.approx(2.0 * np.argmax(moved > 0.45) / 2000, abs=0.03)
+    assert found["least_distance"] == pytest.approx(2.0, abs=0.01)
+    assert found["least_planned"] == pytest.approx(2.0, abs=1e-6)
 
 
-def test_who_leaves_arrives_when_it_is_there_for_good_and_is_stuck_where_its_plan_stands_elsewhere():
-    words = [
-        "duration=4",
-        "trajectory=waypoints",
-        "trajectory.points=[[0,0,1,0],[0.8,0,1,0]]",
-        "trajectory.times=[0,2]",
-    ]
-    experiment = load("ideal", words)
-    there = fly(experiment, log_dir=None).log
-    t, x = there.truth.time * 1e-9, there.truth.position[:, 0]
-    came = arrival(there, experiment.trajectory)
-    assert came.arrived
-    assert came.time == pytest.approx(t[np.flatnonzero(x < 0.8 - ARRIVED_M)[-1] + 1])
-    assert came.stuck == 0.0
-    # Of another goal, the plan stands away from it in the second half.
-    assert arrival(there, Hover(x=3.0)).stuck == pytest.approx(2.0, abs=0.2)
+def test_who_is_elsewhere_has_not_arrived_and_its_plan_was_stuck(flown: SeveralResult):
+    log = flown.log.ship("a")
+    further = Waypoints(points=((0.0, 0.0, 1.0, 0.0), (2.0, 0.0, 1.0, 0.0)), times=(0.0, 2.0))
+    found = arrival(log, further)
+    assert not found.arrived
+    assert found.time is None
+    # Its plan stands from 2 s to the end at 3 s, and nearly stands a little before.
+    assert found.stuck == pytest.approx(1.1, abs=0.1)
 
 
-def test_a_wish_that_goes_on_is_flown_or_not():
-    circle = load("ideal", ["duration=3", "trajectory=circle"])
-    log = fly(circle, log_dir=None).log
-    assert arrival(log, circle.trajectory) == (True, None, 0.0)
-    assert arrival(log, Circle(radius=0.8)) == (False, None, 0.0)
-
-
-def test_one_whose_flight_is_over_stays_where_it_was(hovering):
-    short = fly(load("ideal", ["duration=1", "trajectory=hover"]), log_dir=None).log
-    time, position = flown_paths({"a": hovering, "b": short})["b"]
-    assert time[-1] == pytest.approx(2.0)
-    assert position[-1].tolist() == position[-2].tolist()
+def test_a_wish_that_goes_on_is_flown_and_has_no_time_of_arrival(flown: SeveralResult):
+    circle = Circle(radius=0.6, phase=-3.0, ramp=0.0)
+    assert np.linalg.norm(circle.flat(np.array([3.0])).z[0, :3] - [0.6, 0.0, 1.0]) < 1e-6
+    found = arrival(flown.log.ship("a"), circle)
+    assert found.arrived
+    assert (found.time, found.stuck) == (None, 0.0)
