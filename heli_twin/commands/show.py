@@ -25,7 +25,8 @@ def run(parsed: Namespace) -> int:
 
     source, overrides = experiment_arguments(parsed)
     if source is not None and names_several(source):
-        from heli_twin.experiment.several_text import load_several, several_toml
+        from heli_twin.experiment.several_text import load_several
+        from heli_twin.experiment.several_written import several_toml
 
         print(several_toml(load_several(source, overrides)), end="")
         return 0

@@ -100,7 +100,7 @@ def fly_command(experiment: str) -> str:
 
 def fly_words(experiment: str) -> list[str]:
     """Return the arguments of `fly_command`: a preset other than `lab`, and overrides."""
-    from heli_twin.experiment.several_text import is_several_json, words_of
+    from heli_twin.experiment.several_written import is_several_json, words_of
 
     if is_several_json(experiment):
         return words_of(experiment)

@@ -9,7 +9,7 @@ import numpy as np
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.differences import fly_words
-from heli_twin.experiment.several_text import parsed_several, several_from_json
+from heli_twin.experiment.several_written import parsed_several, several_from_json
 from heli_twin.experiment.tree import ExperimentError, Tree, parsed, tree_of
 from heli_twin.logbook import viewed_experiment
 from heli_twin.metrics.flat import flat

@@ -15,7 +15,8 @@ from controllers.trajectories import Trajectory, fitted
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.own import ClassMissing
 from heli_twin.experiment.several import Several, checked_several
-from heli_twin.experiment.several_text import load_several, several_from_json, several_json, several_toml
+from heli_twin.experiment.several_text import load_several
+from heli_twin.experiment.several_written import several_from_json, several_json, several_toml
 from heli_twin.experiment.tree import ExperimentError, canonical_json, toml_of
 from heli_twin.flight import INVALID, Outcome
 from heli_twin.lab.plant import Plant

@@ -16,7 +16,8 @@ from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.own import with_commands
 from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.several import Several
-from heli_twin.experiment.several_text import is_several_json, load_several, several_json
+from heli_twin.experiment.several_text import load_several
+from heli_twin.experiment.several_written import is_several_json, several_json
 from heli_twin.experiment.text import is_several, load, presets
 from heli_twin.experiment.tree import canonical_json
 from heli_twin.metrics.reach import planned_reach

@@ -38,7 +38,7 @@ def fly_task(task: Task) -> Flown | Trouble:
     """Fly a run; a failed flight is a row like any other, an invalid run is none."""
     from controllers.programs import receive
     from heli_twin.experiment.families import FamilyError, load_own_sources
-    from heli_twin.experiment.several_text import is_several_json, several_from_json
+    from heli_twin.experiment.several_written import is_several_json, several_from_json
     from heli_twin.experiment.tree import ExperimentError, from_json
     from heli_twin.mission import ProgramMissing, fly
     from heli_twin.recording import read_log

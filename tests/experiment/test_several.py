@@ -9,13 +9,8 @@ import pytest
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.scenarios import CrossingCircles, Formation, Random, Swap
 from heli_twin.experiment.several import Several, checked_several
-from heli_twin.experiment.several_text import (
-    changed_several,
-    load_several,
-    several_from_json,
-    several_json,
-    several_toml,
-)
+from heli_twin.experiment.several_text import changed_several, load_several
+from heli_twin.experiment.several_written import several_from_json, several_json, several_toml
 from heli_twin.experiment.text import is_several, load, presets
 from heli_twin.experiment.tree import ExperimentError
 

@@ -3,7 +3,8 @@
 import pytest
 
 from heli_twin.experiment.differences import fly_words
-from heli_twin.experiment.several_text import load_several, several_from_json, several_json
+from heli_twin.experiment.several_text import load_several
+from heli_twin.experiment.several_written import several_from_json, several_json
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.plan import StudyPlan, plan_of
 from heli_twin.studies.study import load_study, study_of

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le, doc
 
-from heli_twin.experiment.several_text import is_several_json
+from heli_twin.experiment.several_written import is_several_json
 from heli_twin.studies.axes import Linspace, Logspace, Uniform
 from heli_twin.studies.columns import INVALID, SCORED, check_metrics
 from heli_twin.studies.designs import Batches, Point, Row, need_axes
