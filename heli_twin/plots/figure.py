@@ -11,6 +11,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from heli_twin.errors import HeliTwinError
+from heli_twin.experiment.scenarios import MOST_SHIPS
 from heli_twin.plots import distance, estimate, inputs, path, timing, tracking
 from heli_twin.plots.requirements import rows
 from heli_twin.plots.runs import Run, runs
@@ -94,7 +95,7 @@ def plot(
     shown = runs(logs, names, start, end, () if requirements is None else requirements_of(requirements))
     kinds = [*_KINDS.values()] if what == "all" else [_KINDS[what]]
     beside = any(kind.BESIDE for kind in kinds)
-    most = MOST_BESIDE if beside else MOST_OVERLAID
+    most = MOST_SHIPS if kinds == [distance] else MOST_BESIDE if beside else MOST_OVERLAID
     if len(shown) > most:
         how = "side by side" if beside else "in one figure"
         raise HeliTwinError(f"{len(shown)} flights {how} cannot be read: give at most {most} for what = {what}")
