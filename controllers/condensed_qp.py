@@ -6,7 +6,7 @@ Minimise 1/2 du'H du + g'du subject to u_low <= du <= u_high and v_low <= C du <
 the predicted velocities. The measured state is not bounded: noise alone could make that infeasible.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -234,7 +234,7 @@ class Condenser:
         else:
             if self._constant is None:
                 self._constant = self._all(x_nominal, AB, root, x_off.shape)
-                self._inverse = np.linalg.inv(self._constant[0])
+                self._inverse = cast(Array, np.linalg.inv(self._constant[0]))
             H, C, gradients = self._constant
             g = x_off.ravel() @ gradients
         g += (self._w.R * off.u[:, subsystem.input_columns]).ravel()
@@ -245,7 +245,7 @@ class Condenser:
         if self._inverse is not None:
             return self._inverse @ -cost.g
         try:
-            return np.linalg.solve(cost.H, -cost.g)
+            return cast(Array, np.linalg.solve(cost.H, -cost.g))
         except np.linalg.LinAlgError:
             return np.full_like(cost.g, np.nan)
 

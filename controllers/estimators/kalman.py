@@ -170,8 +170,8 @@ class KalmanFilter:
         x, d = self._predict(self._x, since, stamp), self._push(stamp)
         mx, my, mz, m_yaw = measured
         innovation: Errors = (mx - x[0], my - x[1], mz - x[2], wrap_angle(m_yaw - x[3]))
-        spread = self._spread(stamp)
-        S: Errors = (*[P[0] + R for P, R in zip(spread, self._R, strict=True)],)
+        spread, R = self._spread(stamp), self._R
+        S: Errors = (spread[0][0] + R[0], spread[1][0] + R[1], spread[2][0] + R[2], spread[3][0] + R[3])
         if self._screen.is_frozen(pose, innovation):
             self._rejected += 1
             return

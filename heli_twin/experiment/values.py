@@ -104,7 +104,7 @@ def _is_default(value: Any, name: str, spec: type) -> bool:
 
 
 @cache
-def _defaults(spec: type) -> dict[str, float | str]:
+def _defaults(spec: type) -> dict[str, Any]:
     """The numbers and texts among the defaults of a class of ours; none of a class of a user's own."""
     defaults = {f.name: f.default for f in fields(spec)} if is_ours(spec) else {}
     return {name: default for name, default in defaults.items() if type(default) in (bool, int, float, str)}
