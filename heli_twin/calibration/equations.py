@@ -39,11 +39,9 @@ def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Nor
     inverse = np.linalg.inv(gram[:, n + 1 :, n + 1 :])
     back = inverse @ gram[:, n + 1 :, : n + 1]
     local = gram[:, : n + 1, : n + 1] - gram[:, : n + 1, n + 1 :] @ back
-    m = N_THETA + len(problem.flights) * N_LOG
-    matrix, scores = np.zeros((m, m)), np.zeros((w, m))
+    scores = np.zeros((w, N_THETA + len(problem.flights) * N_LOG))
     places = [columns(int(log)) for log in problem.log_of]
     for i, c in enumerate(places):
-        matrix[np.ix_(c, c)] += local[i, :n, :n]
         scores[i, c] = local[i, :n, n]
 
     def to_start(step: Array) -> Array:
@@ -51,4 +49,14 @@ def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Nor
             [of_window @ step[c] for of_window, c in zip(back[..., :n], places, strict=True)]
         )
 
-    return Normal(matrix, scores.sum(axis=0), scores, to_start)
+    return Normal(information(problem, local[:, :n, :n]), scores.sum(axis=0), scores, to_start)
+
+
+def information(problem: Problem, local: Array) -> Array:
+    """Return the information (m, m) on theta and then each log's nuisance, from that of each window on its own."""
+    m = N_THETA + len(problem.flights) * N_LOG
+    out = np.zeros((m, m))
+    for log in range(len(problem.flights)):
+        c = columns(log)
+        out[np.ix_(c, c)] += local[problem.log_of == log].sum(axis=0)
+    return out

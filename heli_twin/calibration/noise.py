@@ -8,12 +8,14 @@ cameras have white noise and a slow error of 5 s.
     s' = T s + chance,   residual = Z s + white noise
 
 The variances and the gust's time are estimated by REML: maximum likelihood of what remains after the projection of each
-window's own first state, by Newton steps with Fisher's information.
+window's own first state and of the parameters, which would take slow wind for their own, by Newton steps with Fisher's
+information.
 
 Sources: Patterson and Thompson, Biometrika 58 (1971) (REML); Harvey, Forecasting, Structural Time Series Models and the
 Kalman Filter (1989), chapter 3.4 (likelihood and information from innovations).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +46,7 @@ FIRST_WIND = 3.0
 """Standard deviation of the wind at a window's start, m/s: as good as unknown. What the controller did about it before
 the window shows in the first commands, so that it is no chance in the window."""
 POSE, RATE, WIND, SLOW = slice(0, 6), slice(6, 12), slice(12, 14), slice(14, 17)
-N = 17
+N, N_FIRST = 17, 12
 SLOPE_STEP, LONGEST_STEP = 1e-3, 0.7
 """Of the logarithm of a component: for a slope, and from one step to the next."""
 
@@ -172,7 +174,18 @@ def _chance(eta: Array) -> tuple[Array, Array]:
     return chance, begin
 
 
-def next_variances(air: Windage, eta: Array, residual: Array, first: Array) -> tuple[Array, Array]:
+class Explained(NamedTuple):
+    """What residuals lose to the parameters that are fitted to them."""
+
+    jacobian: Array
+    """(w, bins, 6, n) derivative of the prediction by the parameters, 0 where there is no pose."""
+    log_det: Callable[[Array], float]
+    """From the information (w, n, n) of each window on the parameters to the logarithm of the determinant of all."""
+
+
+def next_variances(
+    air: Windage, eta: Array, residual: Array, first: Array, explained: Explained | None = None
+) -> tuple[Array, Array]:
     """Return the variances after one REML step, and the covariance of their logarithms.
 
     Args:
@@ -180,18 +193,19 @@ def next_variances(air: Windage, eta: Array, residual: Array, first: Array) -> t
         eta: (9,) logarithms of `COMPONENTS`.
         residual: (w, bins, 6) poses minus prediction, 0 where there is no pose.
         first: (w, bins, 6, 12) derivative of the prediction by each window's first state.
+        explained: By parameters that were fitted; None if they are known.
     """
-    rows = np.concatenate([first, residual[..., None]], axis=-1)
-    here = _Restricted(*whiten(air, eta, rows))
-    started = here.rows[..., -1] - np.einsum("wbic,wc->wbi", here.rows[..., :-1], here.start)
+    parts = [first, explained.jacobian] if explained else [first]
+    rows = np.concatenate([*parts, residual[..., None]], axis=-1)
+    here = _Restricted(*whiten(air, eta, rows), explained)
+    started = here.started
     score, changes = np.zeros(len(eta)), []
     for i, each in enumerate(np.eye(len(eta))):
-        there = _Restricted(*whiten(air, eta + SLOPE_STEP * each, rows))
+        there = _Restricted(*whiten(air, eta + SLOPE_STEP * each, rows), explained)
         score[i] = (there.likelihood - here.likelihood) / SLOPE_STEP
         # Change of the innovations' covariance and of the innovations, both whitened: Fisher's information.
         scale = np.linalg.solve(here.roots, there.roots)
-        moved = there.rows[..., -1] - np.einsum("wbic,wc->wbi", there.rows[..., :-1], here.start)
-        by_mean = (scale @ moved[..., None])[..., 0] - started
+        by_mean = (scale @ there.less(here.start)[..., None])[..., 0] - started
         by_root = scale - np.eye(6)
         spread = by_root + by_root.transpose(0, 1, 3, 2)
         changes.append(np.concatenate([spread.ravel() / np.sqrt(2.0), by_mean.ravel()]) / SLOPE_STEP)
@@ -202,15 +216,30 @@ def next_variances(air: Windage, eta: Array, residual: Array, first: Array) -> t
 
 
 class _Restricted:
-    """The restricted likelihood of whitened derivatives by the first state, and of the residual behind them."""
+    """The restricted likelihood of whitened rows (w, bins, 6, c).
 
-    def __init__(self, rows: Array, roots: Array) -> None:
+    They are derivatives by the first state, then by the parameters, and the residual.
+    """
+
+    def __init__(self, rows: Array, roots: Array, explained: Explained | None) -> None:
         self.rows, self.roots = rows, roots
         flat = rows.reshape(len(rows), -1, rows.shape[-1])
         gram = flat.transpose(0, 2, 1) @ flat
-        of_first = gram[:, :-1, :-1] + 1e-9 * np.eye(gram.shape[-1] - 1)
-        self.start = np.linalg.solve(of_first, gram[:, :-1, -1:])[..., 0]
+        of_first = gram[:, :N_FIRST, :N_FIRST] + 1e-9 * np.eye(N_FIRST)
+        back = np.linalg.solve(of_first, gram[:, :N_FIRST, N_FIRST:])
+        local = gram[:, N_FIRST:, N_FIRST:] - gram[:, N_FIRST:, :N_FIRST] @ back
+        self.start = back[..., -1]
         """(w, 12) first states."""
-        quadratic = gram[:, -1, -1] - (gram[:, -1, :-1] * self.start).sum(axis=1)
-        log_det = 2.0 * np.log(np.diagonal(roots, axis1=2, axis2=3)).sum()
-        self.likelihood = -0.5 * float(log_det + np.linalg.slogdet(of_first)[1].sum() + quadratic.sum())
+        log_det = 2.0 * np.log(np.diagonal(roots, axis1=2, axis2=3)).sum() + np.linalg.slogdet(of_first)[1].sum()
+        if explained:
+            log_det += explained.log_det(local[:, :-1, :-1])
+        self.likelihood = -0.5 * float(log_det + local[:, -1, -1].sum())
+
+    def less(self, start: Array) -> Array:
+        """Return the residual (w, bins, 6) less what first states (w, 12) explain."""
+        return self.rows[..., -1] - np.einsum("wbic,wc->wbi", self.rows[..., :N_FIRST], start)
+
+    @property
+    def started(self) -> Array:
+        """The residual (w, bins, 6) less what its own first states explain."""
+        return self.less(self.start)
