@@ -69,14 +69,16 @@ class PlanQp:
         self._jerks = np.diff(every, axis=0) / h
         P, J = places[1:, 1:-1], self._jerks[:, 1:-1]
         self._n = (steps - 1) * axes
-        cost = 2.0 * (P.T @ P + effort.w_a * np.eye(steps - 1) + effort.w_j * J.T @ J)
-        self._H = np.kron(cost, np.eye(axes))
+        self._efforts = effort.w_a * np.eye(steps - 1) + effort.w_j * J.T @ J
+        self._H = np.kron(2.0 * (P.T @ P + self._efforts), np.eye(axes))
         self._C = np.kron(speeds[1:, 1:-1], np.eye(axes))
         self._solvers: dict[int, Solver] = {}
         self.iterations = 0
         """Newton iterations of the last call."""
 
-    def __call__(self, old: Array, target: Array, behind: HalfSpaces | None = None) -> Array | None:
+    def __call__(
+        self, old: Array, target: Array, behind: HalfSpaces | None = None, weights: Array | None = None
+    ) -> Array | None:
         """Return the knots (N + 1, 3, m) of the best plan; None if ProxQP finds none.
 
         Args:
@@ -84,13 +86,18 @@ class PlanQp:
                 starts at its first knot, and the old one itself stays feasible.
             target: (N, m) where to be at knots 1 .. N.
             behind: Half-spaces.
+            weights: (N,) of the squared distance from the target at knots 1 .. N; 1 if not given.
         """
         e, h, N, m = self._effort, self._h, self._steps, self._axes
         p0, v0, a0 = old[0]
         # What the knots do without the unknowns.
         speeds = v0 + self._speeds[1:, :1] * a0
         places = p0 + h * np.arange(1, N + 1)[:, None] * v0 + self._places[1:, :1] * a0
-        gradient = 2.0 * self._places[1:, 1:-1].T @ (places - target)
+        H, P, off = self._H, self._places[1:, 1:-1], places - target
+        if weights is not None:
+            H = np.kron(2.0 * (P.T @ (weights[:, None] * P) + self._efforts), np.eye(m))
+            off = weights[:, None] * off
+        gradient = 2.0 * P.T @ off
         gradient += 2.0 * e.w_j * self._jerks[:, 1:-1].T @ (self._jerks[:, :1] * a0)
         limit = np.maximum(e.speed, np.abs(old[1:, 1]))
         limit[-1] = 0.0
@@ -108,7 +115,7 @@ class PlanQp:
             free[: len(here)] = behind.offsets - (behind.normals * places[here]).sum(axis=1)
             C = np.concatenate([C, sides.reshape(rows, -1)])
             low, high = np.concatenate([low, free]), np.concatenate([high, np.full(rows, np.inf)])
-        qp = CondensedQp(self._H, gradient.ravel(), C, low, high, -push, push)
+        qp = CondensedQp(H, gradient.ravel(), C, low, high, -push, push)
         solver = self._solvers.get(len(C))
         if solver is None:
             solver = self._solvers[len(C)] = Solver(self._sample(len(C)), eps=1e-5, max_iter=30, max_iter_in=50)

@@ -1,0 +1,70 @@
+"""Consensus by ADMM: pairs agree to pass each other, a formation on one shift; nothing is promised."""
+
+import numpy as np
+import pytest
+from coordinations.meeting import MODEL, meet, swap, to
+
+from controllers.coordinations.admm import Admm, apart
+from controllers.trajectories.hover import Hover
+from controllers.trajectories.waypoints import Waypoints
+from heli_twin.lab.network import Network
+
+T = np.linspace(-1.0, 1.0, 21)
+
+
+@pytest.mark.parametrize("network", [None, Network(loss=0.3)], ids=["", "lossy"])
+def test_two_that_meet_head_on_pass_each_other_on_the_right(network):
+    meeting = meet(swap(2), 5.0, Admm(), network)
+    assert np.isfinite(meeting.arrival).all()
+    # Of 0.45 m; rotors touch at 0.19 m.
+    assert meeting.least > 0.35
+    eastwards = meeting.flown[np.abs(meeting.flown[:, 0, 0]).argmin(), 0]
+    assert eastwards[1] > 0.1, "who flies to -x has +y on its right"
+
+
+def test_a_swap_of_four_needs_its_messages():
+    agreed, alone = (meet(swap(4), 4.5, Admm(rounds=2), Network(loss=loss)).least for loss in (0.0, 1.0))
+    assert alone < 0.2
+    assert agreed > 0.3
+
+
+@pytest.mark.parametrize("sideways", [-0.4, -0.1, 0.0, 0.1, 0.4])
+def test_paths_that_pass_are_pushed_apart_by_the_distance_and_no_further(sideways):
+    one = np.stack([T, np.zeros(21)], axis=1)
+    other = np.stack([-T, np.full(21, sideways)], axis=1)
+    agreed = apart(one, other, 0.5, False)
+    there = agreed[0] - agreed[1]
+    # Knots are 0.2 m apart in relative position, and the nearest one is at the meeting.
+    assert np.hypot(*there.T).min() == pytest.approx(0.5, abs=1e-9)
+    np.testing.assert_allclose(agreed.mean(axis=0), 0.5 * (one + other), atol=1e-12)
+    held = np.abs(agreed[0] - one).max(axis=1) > 0.0
+    assert (np.hypot(*(one - other).T)[~held] >= 0.5 - 1e-9).all()
+    mirrored = apart(other, one, 0.5, False)
+    np.testing.assert_allclose(mirrored, agreed[::-1], atol=1e-12)
+
+
+def test_from_one_that_lands_the_other_moves_all_the_way():
+    one, fixed = np.stack([T, np.full(21, 0.1)], axis=1), np.zeros((21, 2))
+    agreed = apart(one, fixed, 0.5, True)
+    np.testing.assert_array_equal(agreed[1], fixed)
+    assert np.hypot(*(agreed[0] - fixed).T).min() == pytest.approx(0.5, abs=1e-9)
+
+
+def test_a_formation_leaves_its_wishes_by_one_shift():
+    """One wants to fly faster than plans may and falls behind; the other, which could hover, goes with it."""
+    fast = Waypoints(points=((-1.0, 0.0, 1.0, 0.0), (1.0, 0.0, 1.0, 0.0)), times=(0.0, 2.2)).fitted(MODEL)
+    wishes = {"a": fast, "b": Hover(y=1.5)}
+    t = 0.01 * np.arange(300)
+    wished = np.stack([wish.flat(t).z[:, :2] for wish in wishes.values()], axis=1)
+    split = {}
+    for together in (0.0, 20.0):
+        shift = meet(wishes, 3.0, Admm(together=together)).flown[:, :, :2] - wished
+        assert np.abs(shift[:, 0]).max() > 0.1, "it falls behind"
+        split[together] = np.linalg.norm(shift[:, 0] - shift[:, 1], axis=1).max()
+    assert split[20.0] < 0.5 * split[0.0]
+
+
+def test_who_is_alone_flies_its_wish():
+    wish = to((-1.0, 0.0), (0.5, 0.0))
+    meeting = meet({"a": wish, "b": Hover(x=9.0)}, 3.0, Admm(rounds=2))
+    np.testing.assert_allclose(meeting.flown[:, 0], wish.flat(0.01 * np.arange(300)).z[:, :3], atol=1e-4)
