@@ -19,11 +19,12 @@ from heli_twin.experiment.own import with_commands
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
 from heli_twin.experiment.several import Several, checked_several
 from heli_twin.experiment.text import (
+    assignment,
     leaves_of,
     load,
     names_a_kind,
-    override_of,
     parsed_file,
+    part_in,
     presets,
     put_in,
     put_part,
@@ -63,7 +64,7 @@ def load_several(source: str, overrides: Iterable[str] = ()) -> Several:
     version = file.pop("physics", PHYSICS_VERSION)
     if type(version) is not int or not 1 <= version <= PHYSICS_VERSION:
         raise ExperimentError(f"{clean(path, 200)} has physics = {clean(version, 40)}: give 1 to {PHYSICS_VERSION}")
-    given = [override_of(text) for text in overrides]
+    given = [_override(text) for text in overrides]
     base = next((value for name, value in reversed(given) if name == "base"), file.pop("base", "lab"))
     if not isinstance(base, str):
         raise ExperimentError(f"base = {clean(base, 60)}: give the name of a preset or of a TOML file of an experiment")
@@ -100,12 +101,28 @@ def _in_order(given: Iterable[tuple[str, Any]]) -> list[tuple[str, Any]]:
     def order(change: tuple[str, Any]) -> tuple[bool, bool]:
         path, value = change
         words = path.split(".")
-        of_one = words[0] == "ships"
-        inner = ".".join(words[2:] if of_one else words[words[0] == "every" :])
         in_room = words[0] in ROOM and (words[1:] in ([], ["kind"]))
-        return of_one, not (in_room or names_a_kind(inner, value))
+        return words[0] == SHIPS, not (in_room or names_a_kind(_within(path), value))
 
     return sorted(given, key=order)
+
+
+def _override(text: str) -> tuple[str, Any]:
+    """Parse an override, also one that names a class or the content of a file; return its path and its value."""
+    path, value = assignment(text, "path=value, such as plant.mass=0.03 or ships.a.plant.mass=0.03")
+    inner = _within(path)
+    if not inner or path == "base":
+        return path, value
+    value = with_content(inner, with_members(inner, value, Path()), Path())
+    return path, part_in(value, inner) if isinstance(value, str) and value.endswith(".toml") else value
+
+
+def _within(path: str) -> str:
+    """Return the part of a path that is a path of an experiment; empty for one of the room."""
+    words = path.split(".")
+    if words[0] in ROOM:
+        return ""
+    return ".".join(words[2:] if words[0] == SHIPS else words[words[0] == EVERY :])
 
 
 def put_several(tree: Tree, ships: dict[str, Tree], path: str, value: Any) -> None:
@@ -189,7 +206,7 @@ def changed_several(several: Several, overrides: Iterable[str]) -> Several:
     Raises:
         ExperimentError: An override is wrong; the message names the nearest valid choice.
     """
-    given = [override_of(text) for text in overrides]
+    given = [_override(text) for text in overrides]
     if any(path == "base" for path, _ in given):
         raise ExperimentError("base: what is flown begins with it, so that it is given with a preset or a file alone")
     tree, ships = table_of(several), {name: tree_of(ship) for name, ship in several.ships.items()}

@@ -94,7 +94,7 @@ def _overrides(start: Tree, tree: Tree) -> list[str]:
     """Return the overrides that make one tree of another; kinds come before their fields."""
     found: list[str] = []
     for here, before, after, spec in (
-        ("", *({name: t[name] for name in ROOM} for t in (start, tree)), Several),
+        ("", *({name: t[name] for name in sorted(ROOM)} for t in (start, tree)), Several),
         ("", start[EVERY], tree[EVERY], Experiment),
         *((f"ships.{name}.", tree[EVERY], ship, Experiment) for name, ship in tree[SHIPS].items()),
     ):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_twin.experiment import Experiment
+from heli_twin.experiment import Experiment, families
 from heli_twin.experiment.scenarios import CrossingCircles, Formation, Random, Swap
 from heli_twin.experiment.several import Several, checked_several
 from heli_twin.experiment.several_text import changed_several, load_several
@@ -45,6 +45,20 @@ def test_a_path_of_an_experiment_is_of_every_helicopter():
     changed = changed_several(several, ["scenario.ships=4", "plant.mass=0.027"])
     assert [*changed.fleet()] == ["a", "b", "c", "d"]
     assert changed.fleet()["a"].plant.mass == 0.027
+
+
+def test_files_name_the_base_a_part_and_a_class_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(families, "_named", {})
+    (tmp_path / "mine.toml").write_text("[plant]\nmass = 0.029\n")
+    (tmp_path / "pid.toml").write_text("[controller]\nkind = 'pid'\n")
+    (tmp_path / "my_law.py").write_text((Path(__file__).parents[1] / "own" / "my_law.py").read_text())
+    several = load_several("pair", ["base=mine.toml", "ships.b.controller=./my_law.py"])
+    assert {e.plant.mass for e in several.fleet().values()} == {0.029}
+    assert type(several.fleet()["b"].controller).__name__ == "MyLaw"
+    assert load_several("pair", ["ships.a.controller=pid.toml"]).fleet()["a"].controller.kind == "pid"
+    (tmp_path / "room.toml").write_text("scenario = 'swap'\nbase = 'lab'\n[ships.b]\ncontroller = './my_law.py'\n")
+    assert load_several("room.toml").ships["b"].controller == several.ships["b"].controller
 
 
 @pytest.mark.parametrize(
