@@ -7,7 +7,7 @@ import pytest
 
 import heli_twin.recording
 from heli_twin.recording import flight_pb2 as pb
-from heli_twin.recording.schema import FORMAT, TOPICS
+from heli_twin.recording.schema import FORMAT_OF_ONE, TOPICS
 from heli_twin.recording.topics_table import Field, about, fields, topics_table
 
 PAGE = Path(heli_twin.recording.__file__).parents[1] / "guide" / "logs.md"
@@ -53,4 +53,4 @@ def test_the_guide_holds_the_table_of_topics() -> None:
     table = re.search("<!-- topics -->\n(.*)\n<!-- /topics -->", page, re.DOTALL)
     assert table, "guide/logs.md has lost its <!-- topics --> and <!-- /topics --> marks"
     assert table[1] == topics_table(), "put what `python -m heli_twin.recording.topics_table` prints between the marks"
-    assert f"Log format {FORMAT}:" in page
+    assert f"Log format {FORMAT_OF_ONE}:" in page
