@@ -13,8 +13,8 @@ from controllers.wish_plan import FREE, JOINS
 
 NEAR_M = 0.1
 """Who is nearer to where it wants to be asks nobody to step aside."""
-TO_AND_FRO = 5
-"""Who has stayed within `NEAR_M` for this multiple of its patience stands too."""
+NO_PROGRESS, PROGRESS_M = 5, 0.2
+"""Who has not come nearer by so much in this multiple of its patience asks too: it goes to and fro."""
 RIGHT_RAD = 0.7
 """How far to the right of its way who has no way ahead goes: with 1.2 rad some circle for ever."""
 AHEAD_M, AHEAD_SHARE = 1.0, 0.5
@@ -82,7 +82,7 @@ class RightOfWay:
         return turn <= self._asks_until and np.hypot(*(goal - scene.here)) >= NEAR_M
 
     def stands(self, turn: int, scene: Scene, goal: Array, reason: str) -> bool:
-        """Return whether it has stood, or moved to and fro, for a while where it does not want to be; then it asks.
+        """Return whether it has stood, or come no nearer, for a while where it does not want to be; then it asks.
 
         Args:
             turn: Number of this turn.
@@ -94,13 +94,12 @@ class RightOfWay:
         patience = max(1, round(m.patience / m.period))
         if reason in (FREE, JOINS) or np.hypot(*(goal - here)) < NEAR_M:
             self._places = []
-        self._places = [*self._places[-TO_AND_FRO * patience :], here]
-        since = np.hypot(*(np.array(self._places) - here).T)
-        rests = np.abs(scene.old[1:4, 1, :2]).max() < 0.03
-        stands = bool(
-            (rests and len(since) > patience and since[-patience:].max() < 0.03)
-            or (len(since) > TO_AND_FRO * patience and since.max() < NEAR_M)
-        )
+        self._places = [*self._places[-NO_PROGRESS * patience :], here]
+        places = np.array(self._places)
+        rests = np.abs(scene.old[1:4, 1, :2]).max() < 0.03 and len(places) > patience
+        stands = bool(rests and np.hypot(*(places[-patience:] - here).T).max() < 0.03)
+        if len(places) > NO_PROGRESS * patience:
+            stands |= bool(np.hypot(*(goal - places[0])) - np.hypot(*(goal - here)) < PROGRESS_M)
         if stands:
             self._asks_until = turn + round(ASKS_S / m.period)
         return stands
@@ -141,14 +140,20 @@ class RightOfWay:
         place = first if np.abs(first).max() <= m.half_width else other
         return np.clip(place, -m.half_width, m.half_width), told
 
-    def heading_for(self, scene: Scene, goal: Array) -> Array:
-        """Return where to head for (2,): a goal, or beside the first that stands in the way, or to the right."""
+    def heading_for(self, turn: int, scene: Scene, goal: Array) -> Array:
+        """Return where to head for (2,): a goal, or beside the first that stands in the way, or to the right.
+
+        Who asks heads straight on, for those that stand there step aside, except who has landed.
+        """
+        asks = self.asks(turn, scene, goal)
         way = goal - scene.here
         length = max(float(np.hypot(*way)), 1e-9)
         first, shortest = None, np.inf
         for j, name in enumerate(scene.names):
             centre, radius = scene.knots[j, 1], float(scene.wide[j, 0]) + 0.05
-            if np.abs(scene.knots[j, -1] - centre).max() >= 0.1 or np.hypot(*(goal - centre)) <= radius - 0.05:
+            moves = np.abs(scene.knots[j, -1] - centre).max() >= 0.1
+            steps_aside = asks and scene.wide[j, 0] <= self._manners.distance
+            if moves or steps_aside or np.hypot(*(goal - centre)) <= radius - 0.05:
                 continue
             ahead, sideways, _ = _seen_from(scene.here, (float(goal[0]), float(goal[1])), centre)
             if 0.0 < ahead < min(length, shortest) and abs(sideways) < radius - 0.02:
@@ -157,7 +162,7 @@ class RightOfWay:
             return self._round(scene.here, length, *first)
         self._goes_round = None
         ahead = float((scene.old[-1, 0, :2] - scene.here) @ way) / length
-        if ahead >= AHEAD_SHARE * min(length, AHEAD_M):
+        if asks or ahead >= AHEAD_SHARE * min(length, AHEAD_M):
             return goal
         # Those that move leave no way ahead: all go round each other.
         c, s = np.cos(RIGHT_RAD), np.sin(RIGHT_RAD)
@@ -166,7 +171,7 @@ class RightOfWay:
     def _round(self, here: Array, length: float, name: str, centre: Array, radius: float, sideways: float) -> Array:
         """Return a place on the tangent to a circle about one that stands; on the same side as before."""
         side = -1.0 if sideways > -0.02 else 1.0
-        if self._goes_round and self._goes_round[0] == name:
+        if self._goes_round and self._goes_round[0] == name and abs(sideways) < 0.5 * radius:
             side = self._goes_round[1]
         self._goes_round = name, side
         there = centre - here

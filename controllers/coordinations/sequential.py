@@ -9,12 +9,13 @@ time, never distance. It needs one clock, and helicopters that fly their plans: 
 that touch, and twice the error of the flight.
 
 **Nobody waits for ever, where there is room.** Planned around each other, helicopters stand still when each is in the
-way of the next. One that has stood for a while where it does not want to be tells its way to go. Who is ahead of it,
-near, and has less way to go, steps aside, to the side where it stands, until the other has passed; if it stands itself
-while it steps aside, it asks in turn with the other's way to go instead of its own. Of all that stand, the one with the
-longest way (of equal ones, the last by name) never steps aside, so that those ahead of it do, and those behind them, as
-far as there is room: it moves on and arrives. A helicopter that has arrived has no way to go and gives way to all, so
-the number of those that have not arrived falls. There is no proof for a room so full that nobody can step aside.
+way of the next. So those that move pass each other on the right. One that has stood for a while where it does not want
+to be, or has come no nearer, tells its way to go, and heads straight on. Who is near ahead of it and has less way to go
+steps aside, to the side where it stands, until the other has passed; if it stands itself while it steps aside, it asks
+in turn with the other's way to go instead of its own. Of all that ask, the one with the longest way (of equal ones, the
+last by name) never steps aside, so that those ahead of it do, and those behind them, as far as there is room: it moves
+on and arrives. A helicopter that has arrived has no way to go and gives way to all, so the number of those that have
+not arrived falls. There is no proof for a room so full that nobody can step aside.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -203,7 +204,7 @@ class SequentialPlanner:
             if (np.abs(wished[:, 1:, :2]) <= most[:, None] + 1e-9).all():
                 yield what, self._own.whole(scene.old[0], wished), 0
         near = scene.room(scene.old) < NEAR_M
-        heading = self._way.heading_for(scene, target[-1, :2])
+        heading = self._way.heading_for(self._turn - 1, scene, target[-1, :2])
         if not np.array_equal(heading, target[-1, :2]):
             target[:, :2] = heading
         while True:
