@@ -128,6 +128,10 @@ EQUIVALENT = {
         "self._nominal = max(open_voltage(1.0) - spec.resistance * (spec.idle_current + spec.hover_current), 1.5)",
     ): "reached only by a cell that hovering takes all voltage of, which gives no thrust either way",
     (
+        "heli_twin/metrics/several.py",
+        "away = np.linalg.norm(moved.state[:, :3] - goal, axis=1) >= ARRIVED_M",
+    ): "differs only for a distance equal to the limit in all digits",
+    (
         "heli_twin/metrics/margins.py",
         "kept = t >= t[-1] - records * probe.record + 1e-6",
     ): "differs only for a time that is 1 us after a sample in all digits",
