@@ -89,11 +89,8 @@ class _Step(NamedTuple):
     eta_covariance: Array
     eta_size: float
     """Largest change of its entries, standard deviations."""
-
-    @property
-    def size(self) -> float:
-        """Largest step of a parameter, posterior standard deviations."""
-        return float(np.max(np.abs(self.step[:N_THETA]) / np.sqrt(np.diag(self.covariance))[:N_THETA]))
+    size: float
+    """Largest step of a parameter, posterior standard deviations."""
 
 
 def fit(
@@ -121,14 +118,14 @@ def fit(
 def _fit(problem: Problem, begin: State | None, progress: Callable[[], None], enough: float, limit: int) -> Fit:
     state = begin or problem.initial()
     air, is_blind = problem.windage(state), begin is None
-    before, now, share, iteration = None, _step(problem, state, air, None, None if is_blind else np.inf), 1.0, 1
+    before, now, share, iteration = None, _step(problem, state, air, None, is_blind=is_blind), 1.0, 1
     progress()
     while iteration < limit and not (iteration > 1 and now.size < enough and now.eta_size < 1.0):
         state = _moved(problem, state, now, share)
         if now.size > RENEWED:
             air = problem.windage(state)
         is_stale = now.size > STALE or (before is not None and now.size > 0.5 * before.size)
-        before, now = now, _step(problem, state, air, None if is_stale else now, None if is_blind else now.size)
+        before, now = now, _step(problem, state, air, None if is_stale else now, is_blind=is_blind)
         # Steps to and fro jump over a kink of the servos' play.
         share = max(0.5 * share, 0.1) if _turns_back(before, now) else min(1.3 * share, 1.0)
         iteration += 1
@@ -141,7 +138,7 @@ def _turns_back(before: _Step, now: _Step) -> bool:
     return now.size > 0.7 * before.size and float(before.step @ np.linalg.solve(now.covariance, now.step)) < 0.0
 
 
-def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None, last: float | None) -> _Step:
+def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None, *, is_blind: bool) -> _Step:
     """Linearise at a state; with the derivatives of an old step where they have hardly changed.
 
     Args:
@@ -149,8 +146,7 @@ def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None,
         state: Where.
         air: The response to wind.
         old: A step near by; None for new derivatives.
-        last: Size of the step to here: after a long one, the residuals have errors of the parameters still, and have
-            lost nothing to them; None keeps the variances.
+        is_blind: Keep the variances.
     """
     if old:
         predicted, jacobian, first = problem.predict(state), old.jacobian, old.first
@@ -162,15 +158,21 @@ def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None,
     away = np.concatenate([state.theta - problem.prior, state.nuisance.ravel()])
     covariance = np.asarray(np.linalg.inv(equations.matrix + precision), np.float64)
     step = _bounded(problem, state, covariance, covariance @ (equations.vector - precision @ away))
-    if last is None:
+    size = _size(step, covariance)
+    if is_blind:
         eta, of_eta = state.eta, np.diag(noise.PRIOR_SPREAD**2)
     elif old and old.eta_size < SETTLED:
         eta, of_eta = state.eta, old.eta_covariance
     else:
-        explained = _explained(problem, jacobian) if last < RENEWED else None
+        # Far from the end, residuals are errors of the parameters, and have lost nothing to them.
+        explained = _explained(problem, jacobian) if size < RENEWED else None
         eta, of_eta = noise.next_variances(air, state.eta, residual, first, explained)
     eta_size = float(np.max(np.abs(eta - state.eta) / np.sqrt(np.diag(of_eta))))
-    return _Step(predicted, residual, jacobian, first, equations, covariance, step, eta, of_eta, eta_size)
+    return _Step(predicted, residual, jacobian, first, equations, covariance, step, eta, of_eta, eta_size, size)
+
+
+def _size(step: Array, covariance: Array) -> float:
+    return float(np.max(np.abs(step[:N_THETA]) / np.sqrt(np.diag(covariance))[:N_THETA]))
 
 
 def _explained(problem: Problem, jacobian: Array) -> noise.Explained:
