@@ -19,6 +19,8 @@ RIGHT_RAD = 0.7
 """How far to the right of its way who has no way ahead goes: with 1.2 rad some circle for ever."""
 AHEAD_M, AHEAD_SHARE = 1.0, 0.5
 """Who comes ahead by less than this share of this length, or of the rest of its way, has no way ahead."""
+UNHEARD = "no current plan of"
+"""Beginning of the reason in the note of a turn in which news of another were missing."""
 ASKS_S, YIELDS_S = 2.0, 1.0
 """How long one asks after it has stood, and how long one steps aside after it was asked."""
 
@@ -88,11 +90,11 @@ class RightOfWay:
             turn: Number of this turn.
             scene: What it knows.
             goal: (2,) where it wants to be, m.
-            reason: Of its last note: who flies its wish does not stand, but starts.
+            reason: Of its last note: who flies its wish does not stand, but starts, and who waits for news asks nobody.
         """
         m, here = self._manners, scene.here
         patience = max(1, round(m.patience / m.period))
-        if reason in (FREE, JOINS) or np.hypot(*(goal - here)) < NEAR_M:
+        if reason in (FREE, JOINS) or reason.startswith(UNHEARD) or np.hypot(*(goal - here)) < NEAR_M:
             self._places = []
         self._places = [*self._places[-NO_PROGRESS * patience :], here]
         places = np.array(self._places)

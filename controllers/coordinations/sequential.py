@@ -28,7 +28,7 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.coordinations import CommittedPlan, Message, Note, Outcome, Ship
 from controllers.plan_qp import Effort, PlanQp
-from controllers.right_of_way import Manners, RightOfWay, Told
+from controllers.right_of_way import UNHEARD, Manners, RightOfWay, Told
 from controllers.rotations import rotate_to_world
 from controllers.scene import Scene
 from controllers.separation import FINE, bend_of, distances, fine_path, knots_from, reach
@@ -193,7 +193,7 @@ class SequentialPlanner:
                 return "committed", what, iterations
             worst = scene.names[int(room.argmin())]
             outcome = "kept" if worst in scene.unheard else "refused"
-            reason = f"no current plan of {worst}" if worst in scene.unheard else f"too near {worst}"
+            reason = f"{UNHEARD} {worst}" if worst in scene.unheard else f"too near {worst}"
         return outcome, reason, iterations
 
     def _candidates(self, scene: Scene, target: Array, is_free: bool) -> Iterator[tuple[str, Array | None, int]]:
