@@ -36,4 +36,4 @@ class CommittedPlan(NamedTuple):
     @property
     def times(self) -> Array:
         """(n,) times of the knots, s."""
-        return 1e-9 * (self.start + self.step * np.arange(len(self.knots)))
+        return 1e-9 * (self.start + self.step * np.arange(len(self.knots), dtype=np.float64))

@@ -12,6 +12,7 @@ n_i . p_{k(i)} >= b_i for each half-space i.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.condensed_qp import CondensedQp
 from controllers.proxqp import Solver
@@ -26,8 +27,8 @@ MOST_ROWS = 400
 class HalfSpaces(NamedTuple):
     """Sides of lines on which knots have to be."""
 
-    knots: Array
-    """(r,) indices k of the knots, 1 .. N, as integers."""
+    knots: NDArray[np.int64]
+    """(r,) indices k of the knots, 1 .. N."""
     normals: Array
     """(r, m) unit normals, to the allowed side."""
     offsets: Array
@@ -70,8 +71,8 @@ class PlanQp:
         P, J = places[1:, 1:-1], self._jerks[:, 1:-1]
         self._n = (steps - 1) * axes
         self._efforts = effort.w_a * np.eye(steps - 1) + effort.w_j * J.T @ J
-        self._H = np.kron(2.0 * (P.T @ P + self._efforts), np.eye(axes))
-        self._C = np.kron(speeds[1:, 1:-1], np.eye(axes))
+        self._H: Array = np.kron(2.0 * (P.T @ P + self._efforts), np.eye(axes)).astype(np.float64)
+        self._C: Array = np.kron(speeds[1:, 1:-1], np.eye(axes)).astype(np.float64)
         self._solvers: dict[int, Solver] = {}
         self.iterations = 0
         """Newton iterations of the last call."""
@@ -95,7 +96,7 @@ class PlanQp:
         places = p0 + h * np.arange(1, N + 1)[:, None] * v0 + self._places[1:, :1] * a0
         H, P, off = self._H, self._places[1:, 1:-1], places - target
         if weights is not None:
-            H = np.kron(2.0 * (P.T @ (weights[:, None] * P) + self._efforts), np.eye(m))
+            H = np.kron(2.0 * (P.T @ (weights[:, None] * P) + self._efforts), np.eye(m)).astype(np.float64)
             off = weights[:, None] * off
         gradient = 2.0 * P.T @ off
         gradient += 2.0 * e.w_j * self._jerks[:, 1:-1].T @ (self._jerks[:, :1] * a0)

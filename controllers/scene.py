@@ -3,10 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.plan_qp import HalfSpaces
 from controllers.separation import FINE, distances, fine_path
 from controllers.signals import Array
+
+Mask = NDArray[np.bool_]
 
 BETWEEN_M = 0.012
 """Added to the distance to keep at the knots, for what is between them: half the square of 2 m/s times 0.05 s, by
@@ -32,7 +35,7 @@ class Scene(NamedTuple):
     """(j, t, 2) positions of the others, `FINE` in each step."""
     wide: Array
     """(j, t - 1) distance to keep from each during each chord, m."""
-    in_danger: Array
+    in_danger: Mask
     """(j,) whether the own plan leads to one that has left its plan to land."""
     unheard: list[str]
     """Those whose newest turns have not been heard."""
@@ -48,7 +51,7 @@ class Scene(NamedTuple):
             return np.zeros(0)
         return (distances(fine_path(knots, self.h), self.paths, self.bend) - self.wide).min(axis=1)
 
-    def half_spaces(self, near: Array, turn: float, steps: int, braking: float) -> HalfSpaces | None:
+    def half_spaces(self, near: Mask, turn: float, steps: int, braking: float) -> HalfSpaces | None:
         """Return lines between the own old plan and those of others, turned so that all pass on the right.
 
         The old plan is behind each, so that it stays feasible; from one that lies ahead all that braking allows.
@@ -59,8 +62,8 @@ class Scene(NamedTuple):
             steps: Knots g + 1 .. g + steps are kept behind them.
             braking: Acceleration away from one that lies ahead, m/s^2.
         """
-        k = np.arange(1, steps + 1)
-        sides: list[tuple[Array, Array, Array]] = []
+        k = np.arange(1, steps + 1, dtype=np.int64)
+        sides: list[tuple[NDArray[np.int64], Array, Array]] = []
         for j in np.flatnonzero(near):
             there = self.knots[j, 2 : steps + 2]
             away = self.old[2 : steps + 2, 0, :2] - there
@@ -79,4 +82,7 @@ class Scene(NamedTuple):
                 t, closing = self.h * k, (normals * self.old[1, 1, :2]).sum(axis=1)
                 kept += closing * t + 0.5 * braking * t**2
             sides.append((k, normals, (normals * there).sum(axis=1) + np.minimum(keep, kept)))
-        return HalfSpaces(*map(np.concatenate, zip(*sides, strict=True))) if sides else None
+        if not sides:
+            return None
+        knots, normals, offsets = zip(*sides, strict=True)
+        return HalfSpaces(np.concatenate(knots), np.concatenate(normals), np.concatenate(offsets))

@@ -10,12 +10,12 @@ class Turns(NamedTuple):
     """Duration of a round, ns."""
     step: int
     """Step of the grid of plans, ns."""
-    count: int
+    planners: int
     """Number of planners."""
 
     def time(self, index: int, turn: int) -> int:
         """Return when a turn of the planner with an index is, ns."""
-        return (turn * self.count + index) * self.round // self.count
+        return (turn * self.planners + index) * self.round // self.planners
 
     def departs(self, index: int, turn: int) -> int:
         """Return the index of the knot from which on a plan of a turn can be new: the next one of the grid."""

@@ -41,7 +41,7 @@ class WishPlan(NamedTuple):
             count: Number of knots.
             steps: Before the clock slows down.
         """
-        since = self.h * (np.arange(count) - steps)
+        since = self.h * (np.arange(count, dtype=np.float64) - steps)
         stop = self.h * (count - 1 - steps)
         reading, speed, acceleration = smooth_start(np.clip(stop - since, 0.0, stop), stop)
         slowed = since > 0.0
@@ -57,7 +57,7 @@ class WishPlan(NamedTuple):
             first: Index of the first knot.
         """
         N = self.steps
-        wish = np.stack(self.wish.flat(self.h * (first + np.arange(JOIN_STEPS + 1))), axis=1)
+        wish = np.stack(self.wish.flat(self.h * (first + np.arange(JOIN_STEPS + 1, dtype=np.float64))), axis=1)
         met = np.abs(wish - old[: JOIN_STEPS + 1]).max(axis=(1, 2)) < 1e-9
         if met[0]:
             return FREE, self.wished(first, N + 1)
@@ -65,7 +65,7 @@ class WishPlan(NamedTuple):
             steps = max(int(met.argmax()), WISH_STEPS)
             way = old[: met.argmax()]
         else:
-            steps, t = JOIN_STEPS, self.h * np.arange(JOIN_STEPS)
+            steps, t = JOIN_STEPS, self.h * np.arange(JOIN_STEPS, dtype=np.float64)
             ends = np.stack([old[0], wish[JOIN_STEPS]])
             joins = quintic(t, self.h * np.array([0.0, JOIN_STEPS]), *np.moveaxis(ends, 1, 0))
             # The first knot as it is, to the last digit.
@@ -77,7 +77,7 @@ class WishPlan(NamedTuple):
         """Return knots (L + 2, 3, 4) of a straight way from a state (3, 4) to rest, at up to 1.5 accelerations."""
         length = max(0.3, float(np.abs(state[1, :3]).max()) / acceleration)
         rest = np.stack([state[0] + 0.5 * length * state[1], np.zeros(4), np.zeros(4)])
-        t = self.h * np.arange(self.longest + 2)
+        t = self.h * np.arange(self.longest + 2, dtype=np.float64)
         way = quintic(t, np.array([0.0, length]), *np.moveaxis(np.stack([state, rest]), 1, 0))
         return np.stack(way, axis=1)
 

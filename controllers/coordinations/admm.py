@@ -149,7 +149,7 @@ class AdmmPlanner:
         self._iterations = self._took = 0
 
     def _wish(self, first: int) -> Array:
-        return self._own.wish.flat(self._own.h * (first + np.arange(1, self._spec.steps + 1))).z
+        return self._own.wish.flat(self._own.h * (first + np.arange(1, self._spec.steps + 1, dtype=np.float64))).z
 
     def _iterate(self, first: int, old: Array) -> None:
         """Update what is agreed on with the newest plans of all, then the own plan."""
@@ -246,4 +246,4 @@ def apart(one: Array, other: Array, distance: float, is_fixed: bool) -> Array:
 def _moved_on(values: Array, steps: int) -> Array:
     """Return values (..., n, 2) some steps later; the last one stays."""
     n = values.shape[-2]
-    return values[..., np.clip(np.arange(n) + steps, 0, n - 1), :]
+    return values.take([min(max(i + steps, 0), n - 1) for i in range(n)], axis=-2)

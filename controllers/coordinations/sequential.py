@@ -30,7 +30,7 @@ from controllers.coordinations import CommittedPlan, Message, Note, Outcome, Shi
 from controllers.plan_qp import Effort, PlanQp
 from controllers.right_of_way import UNHEARD, Manners, RightOfWay, Told
 from controllers.rotations import rotate_to_world
-from controllers.scene import Scene
+from controllers.scene import Mask, Scene
 from controllers.separation import FINE, bend_of, distances, fine_path, knots_from, reach
 from controllers.signals import Array, Estimate, nanoseconds
 from controllers.turns import Turns
@@ -162,7 +162,7 @@ class SequentialPlanner:
     def _fly(self, scene: Scene, told: Told) -> Told:
         """Commit a new plan if there is a clear one; return what to tell: where it wants to be, and whether it asks."""
         turn, began = told.turn, perf_counter_ns()
-        target = self._own.wish.flat(scene.h * (scene.first + np.arange(1, self._spec.steps + 1))).z
+        target = self._own.wish.flat(scene.h * (scene.first + np.arange(1, self._spec.steps + 1, dtype=np.float64))).z
         way = float(np.hypot(*(target[-1, :2] - scene.here)))
         asked = self._way.aside(turn, scene, self._heard, way)
         if asked:
@@ -217,7 +217,7 @@ class SequentialPlanner:
                 return
             near = more
 
-    def _planned(self, scene: Scene, target: Array, near: Array) -> tuple[Array | None, int]:
+    def _planned(self, scene: Scene, target: Array, near: Mask) -> tuple[Array | None, int]:
         """Solve the QPs of a plan behind half-spaces against those that are near."""
         spec, old = self._spec, scene.old[1 : self._spec.steps + 2]
         sides = scene.half_spaces(near, spec.turn, spec.steps, HASTE * spec.acceleration)

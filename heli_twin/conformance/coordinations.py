@@ -61,7 +61,7 @@ def plans_join(spec: Any) -> None:
         old, new = (each.flat(np.array([1e-9 * now])) for each in (before, planner.committed))
         for a, b in zip(old, new, strict=True):
             require(bool(np.allclose(a, b, atol=1e-6)), f"at {1e-9 * now:.3f} s the plan jumps from {a[0]} to {b[0]}")
-        later = np.concatenate(planner.committed.flat(1e-9 * (now + np.arange(0, 3_000_000_000, 50_000_000))))
+        later = np.concatenate(planner.committed.flat(1e-9 * (now + np.arange(0, 3e9, 5e7))))
         require(bool(np.isfinite(later).all()), f"the plan of {1e-9 * now:.3f} s is not finite")
 
 
@@ -72,4 +72,4 @@ def plans_the_same_again(spec: Any) -> None:
 
 def _plans(spec: Any) -> Iterator[Array]:
     for now, planner, _ in _turns(spec):
-        yield np.concatenate([[now], planner.committed.flat(1e-9 * (now + np.arange(0, 10**9, 10**8))).z.ravel()])
+        yield np.concatenate([[now], planner.committed.flat(1e-9 * (now + np.arange(0, 1e9, 1e8))).z.ravel()])
