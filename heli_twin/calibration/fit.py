@@ -178,7 +178,11 @@ def _size(step: Array, covariance: Array) -> float:
 def _explained(problem: Problem, jacobian: Array) -> noise.Explained:
     """What the parameters explain of the residual."""
     precision = _precision(problem)
-    return noise.Explained(jacobian, lambda local: float(np.linalg.slogdet(information(problem, local) + precision)[1]))
+
+    def log_det(local: Array) -> float:
+        return float(np.linalg.slogdet(information(problem, local) + precision)[1])
+
+    return noise.Explained(jacobian, log_det)
 
 
 def _bounded(problem: Problem, state: State, covariance: Array, step: Array) -> Array:

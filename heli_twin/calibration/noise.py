@@ -101,7 +101,7 @@ class _Filter:
         back = gain.transpose(0, 2, 1)
         self._state = self._state + back @ white
         self._covariance = self._covariance - back @ gain
-        return white, root
+        return white, np.asarray(root, np.float64)
 
     def foresee(self, k: int) -> tuple[Array, Array]:
         """Return the rows (w, 6, c) to be expected in a bin, and the variance (w, 6) of a pose about them."""
@@ -228,7 +228,7 @@ class _Restricted:
         of_first = gram[:, :N_FIRST, :N_FIRST] + 1e-9 * np.eye(N_FIRST)
         back = np.linalg.solve(of_first, gram[:, :N_FIRST, N_FIRST:])
         local = gram[:, N_FIRST:, N_FIRST:] - gram[:, N_FIRST:, :N_FIRST] @ back
-        self.start = back[..., -1]
+        self.start = np.asarray(back[..., -1], np.float64)
         """(w, 12) first states."""
         log_det = 2.0 * np.log(np.diagonal(roots, axis1=2, axis2=3)).sum() + np.linalg.slogdet(of_first)[1].sum()
         if explained:

@@ -11,7 +11,7 @@ from heli_twin.calibration.checks import CalibrationError, check_form
 from heli_twin.experiment.text import changed
 from heli_twin.workers.fleet import fleet
 
-TWINS = range(2000, 2040)
+TWINS = range(3000, 3040)
 MOST_HALF_WIDTH = {
     "thrust_per_mass": 0.005,
     "yaw_gain_per_izz": 0.005,
