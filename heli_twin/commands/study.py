@@ -113,6 +113,7 @@ A study file asks one question:
   [axes]          what is swept, any field by its path: a list of values, or { linspace = [FROM, TO, COUNT] },
                     { logspace = [FROM, TO, COUNT] }, { uniform = [FROM, TO] }, { normal = [MEAN, DEVIATION] }:
                     "plant.mass" = { linspace = [0.024, 0.034, 5] }
+                    or all helicopters of a calibration: plant = { ensemble = "DIR/ensemble.toml" }
   [design]        which points of the axes are flown: grid (all), one_at_a_time, latin_hypercube, monte_carlo, morris,
                     sobol, margin, boundary, worst_case, rare_event, ladder, or a class of your own
   replicates      flights of each point; every point and alternative flies the same seeds. "auto" with a half_width:
