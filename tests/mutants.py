@@ -221,7 +221,7 @@ EQUIVALENT = {
     ): "the search begins there and ends elsewhere",
     (
         "controllers/reference.py",
-        "_BLOCK_SAMPLES = 513",
+        "BLOCK_SAMPLES = 513",
     ): "samples are computed one more at a time",
     (
         "controllers/laws/external.py",

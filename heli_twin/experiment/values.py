@@ -99,7 +99,7 @@ def checked_value(info: FieldInfo, value: Any, path: str, spec: type) -> Any:
 
 def _is_default(value: Any, name: str, spec: type) -> bool:
     """Return whether a value is what a class of ours has as its default: there is nothing to check."""
-    default = _defaults(spec).get(name)
+    default = _defaults(spec).get(name, MISSING)
     return type(value) is type(default) and value == default
 
 

@@ -115,14 +115,17 @@ def _unit(spec: type, keys: list[str]) -> str:
     if part is None:
         return ""
     rest = keys[1:]
-    if isinstance(part.family, EachOf):
+    kinds = members(part.family.package) if part.family else {}
+    if isinstance(part.family, EachOf) and rest:
+        # A member has the name of its kind, unless it is named otherwise.
+        kinds = {rest[0]: kinds[rest[0]]} if rest[0] in kinds else kinds
         rest = rest[1:]
     if not rest:
         return part.unit
     if part.is_plain:
         # A value has no fields; another member of the family has a table of this name.
         return ""
-    inner = members(part.family.package).values() if part.family else [part.type]
+    inner = kinds.values() if part.family else [part.type]
     return next((unit for kind in inner if (unit := _unit(kind, rest))), "")
 
 

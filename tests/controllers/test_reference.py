@@ -114,7 +114,7 @@ def test_the_last_sample_of_a_flight_is_checked_where_it_is_the_first_of_a_block
             flat = Hover().flat(t)
             return flat._replace(z=flat.z - np.outer(t >= end, [0.0, 0.0, 2.0, 0.0]))
 
-    end = reference._BLOCK_SAMPLES * 0.02
+    end = reference.BLOCK_SAMPLES * 0.02
     with pytest.raises(InfeasibleTrajectory, match="floor"):
         check_feasible(Sinks(), Model(), end, 0.02)
     check_feasible(Sinks(), Model(), end - 0.02, 0.02)

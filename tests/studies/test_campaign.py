@@ -140,7 +140,7 @@ def test_a_driver_that_ends_leaves_no_process_behind(small, tmp_path, command, a
     try:
         # A KeyboardInterrupt ends Python by the signal that Ctrl-C is.
         assert driver.wait(timeout=5) == -(signal.SIGKILL if asked == "SIGKILL" else signal.SIGINT)
-        assert is_gone(driver.pid, 2)
+        assert is_gone(driver.pid, 5)
     finally:
         with suppress(ProcessLookupError):
             os.killpg(driver.pid, signal.SIGKILL)
