@@ -64,6 +64,19 @@ OTHER_NAMES = {
         "controllers/test_derivatives.py",
         "controllers/test_trajectories.py",
     ],
+    **{
+        f"controllers/{name}.py": ["coordinations/test_sequential.py", f"coordinations/test_{near}.py"]
+        for name, near in {
+            "right_of_way": "separation",
+            "scene": "separation",
+            "separation": "separation",
+            "turns": "committed_plan",
+            "wish_plan": "committed_plan",
+            "plan_qp": "plan_qp",
+            "committed_plan": "committed_plan",
+        }.items()
+    },
+    "controllers/coordinations/sequential.py": ["coordinations/test_sequential.py"],
     "heli_twin/metrics/several.py": ["metrics/test_several.py", "several/test_room.py"],
     "heli_twin/metrics/contact.py": ["metrics/test_several.py"],
     "heli_twin/lab/compute.py": ["lab/test_faults.py", "lab/test_chance.py", "flights/test_flights.py"],
@@ -127,6 +140,10 @@ EQUIVALENT = {
         "heli_twin/lab/plant/effects/battery.py",
         "self._nominal = max(open_voltage(1.0) - spec.resistance * (spec.idle_current + spec.hover_current), 1.5)",
     ): "reached only by a cell that hovering takes all voltage of, which gives no thrust either way",
+    (
+        "heli_twin/lab/plant/airframe.py",
+        'name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(5.0, 5.0, 0.1), contype=2, conaffinity=1',
+    ): "what touches has contype 1, and touches by the floor's conaffinity",
     (
         "heli_twin/metrics/several.py",
         "away = np.linalg.norm(moved.state[:, :3] - goal, axis=1) >= ARRIVED_M",

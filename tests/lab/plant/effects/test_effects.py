@@ -256,6 +256,14 @@ def test_sideways_damping_is_lost_near_the_floor():
     assert slow[1] / slow[0] == pytest.approx(1 - 3.0 * share, rel=0.01)
 
 
+def test_no_damping_turns_into_a_push_near_the_floor():
+    near = GroundEffect(damping_loss=10.0, hub=0.0)
+    assert 10.0 * near.share(0.06) > 1.0
+    plant = twin(near, x=at(0.06, vx=0.1))
+    plant.advance(5 * MS, trim_of(plant), STILL_AIR)
+    assert plant.truth().velocity[0] == pytest.approx(0.1, abs=1e-7)
+
+
 # --- servo ----------------------------------------------------------------------------------------------------------
 
 AT_ONCE = {"servo_lag": 0.0, "input_delay": 0.0}
