@@ -16,23 +16,23 @@ NEAR_M = 0.1
 NO_PROGRESS, PROGRESS_M = 5, 0.2
 """Who has not come nearer by so much in this multiple of its patience asks too: it goes to and fro."""
 RIGHT_RAD = 0.7
-"""How far to the right of its way who has no way ahead goes: with 1.2 rad some circle for ever."""
+"""Angle, rad, by which a helicopter whose way ahead is blocked turns right; with 1.2 rad some circled for ever."""
 AHEAD_M, AHEAD_SHARE = 1.0, 0.5
 """Who comes ahead by less than this share of this length, or of the rest of its way, has no way ahead."""
 UNHEARD = "no current plan of"
 """Beginning of the reason in the note of a turn in which news of another were missing."""
 ASKS_S, YIELDS_S = 2.0, 1.0
-"""How long one asks after it has stood, and how long one steps aside after it was asked."""
+"""Durations, s, of a request after a helicopter has stood, and of a sidestep after a request."""
 
 
 class Told(NamedTuple):
-    """What a planner tells of its newest turn."""
+    """Broadcast of one planner after its newest turn: plan, goal, and whether it asks others to step aside."""
 
     turn: int
     """Its number, from 0; -1 before take-off."""
     plan: CommittedPlan
     goal: tuple[float, float]
-    """Where it wants to be, x y, m."""
+    """Target at the end of the plan, world x y, m: on the wish, or where it steps aside to."""
     way: float
     """Way to go of the one for which it asks others to step aside, m; 0 if it does not ask."""
     asker: str

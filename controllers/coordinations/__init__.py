@@ -29,15 +29,15 @@ class Ship(NamedTuple):
 
 
 class Message(NamedTuple):
-    """What one ground station tells all others."""
+    """A broadcast from one ground station to all others, over the network of the room."""
 
     sender: str
     stamp: int
-    """When it is sent, ns."""
+    """Time of sending, ns since the common start."""
     body: Any
-    """A value of the coordination's own, which nobody changes."""
+    """Plans and flags, of a frozen type that each kind of coordination defines."""
     size: int
-    """Of the body on the network, bytes."""
+    """Length of the body on the network, bytes."""
 
 
 Outcome = Literal["committed", "kept", "refused"]
@@ -45,12 +45,12 @@ OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 
 
 class Note(NamedTuple):
-    """What a planner did in its last turn."""
+    """Result of one turn of a planner."""
 
     outcome: Outcome
-    """A new plan was committed; the old one was kept, for nothing else was tried; or a new one was refused."""
+    """`committed`: a new plan; `kept`: the old one, no other was tried; `refused`: the old one, a new one was not clear."""
     reason: str = ""
-    """In a few words; empty if the plan is what the helicopter wants."""
+    """Reason of the outcome in a few words; empty if the plan follows the wish."""
     is_stuck: bool = False
     """The helicopter stands where it does not want to be."""
     iterations: int = 0
@@ -63,11 +63,11 @@ class Planner(Protocol):
     """The planner of one helicopter during one flight."""
 
     committed: Trajectory
-    """What the helicopter flies from now on; another object as soon as another plan is committed."""
+    """The reference of the flight: positions in m, world, over s since the common start. A new plan is a new object."""
     due: int
-    """When its next turn is, ns."""
+    """Time of the next turn, ns since the common start."""
     note: Note
-    """Of its last turn."""
+    """Result of the last turn."""
 
     def receive(self, now: int, message: Message) -> None:
         """Take note of a message of another planner that arrives at `now` (ns)."""

@@ -62,17 +62,17 @@ class Admm:
 
 
 class Iterate(NamedTuple):
-    """What a planner tells in each round."""
+    """Broadcast of one planner in one round of ADMM: its plan and its scaled dual shift."""
 
     period: int
     """Number of the period, from 0."""
     round: int
     x: Array
-    """(N, 2) positions of its plan at the knots after the first."""
+    """(N, 2) planned positions at the knots after the first, world x y, m."""
     shift: Array
-    """(N, 2) x - w + y."""
+    """(N, 2) plan minus wish plus scaled dual variable, x - w + y, world x y, m."""
     is_down: bool
-    """It does not fly its plan."""
+    """True while the supervisor flies the helicopter in place of its plan."""
 
 
 class AdmmPlanner:

@@ -5,15 +5,17 @@ from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import progress_bar, say
+from heli_twin.commands.judge import BROKEN, verdicts_on
+from heli_twin.commands.judge import show as show_verdicts
 from heli_twin.errors import HeliTwinError
 from heli_twin.terminal_text import pasteable
 
 if TYPE_CHECKING:
-    from heli_twin.requirements import Requirement, Verdict
+    from heli_twin.requirements import Requirement
     from heli_twin.several.fly import SeveralResult
 
-INVALID_RUN, BROKEN = 3, 3
-"""Exit codes: the process of a control law failed; a requirement is broken."""
+INVALID_RUN = 3
+"""Exit code: the process of a control law failed."""
 
 
 def fly_together(parsed: Namespace, source: str, overrides: list[str], requirements: "tuple[Requirement, ...]") -> int:
@@ -50,11 +52,10 @@ def _destination(rerun: str | None) -> Any:
 
 
 def _tell(parsed: Namespace, result: "SeveralResult", requirements: "tuple[Requirement, ...]") -> int:
-    from heli_twin.commands.judge import show as show_verdicts
     from heli_twin.flight import INTACT, INVALID
 
     summary = result.summary()
-    verdicts = {} if result.outcome.kind == INVALID else _verdicts(result, requirements)
+    verdicts = verdicts_on(requirements, result)
     if verdicts:
         summary["requirements"] = {name: verdict.plain() for name, verdict in verdicts.items()}
     if parsed.json:
@@ -68,15 +69,6 @@ def _tell(parsed: Namespace, result: "SeveralResult", requirements: "tuple[Requi
     if any(not verdict.holds for verdict in verdicts.values()):
         return BROKEN
     return 0 if result.outcome.kind in INTACT and not result.log_trouble else 1
-
-
-def _verdicts(result: "SeveralResult", requirements: "tuple[Requirement, ...]") -> "dict[str, Verdict]":
-    """Judge each helicopter: the verdicts by its name and that of the requirement."""
-    if not requirements:
-        return {}
-    from heli_twin.requirements import judge
-
-    return judge(requirements, result.log)
 
 
 def show(summary: dict[str, Any]) -> None:

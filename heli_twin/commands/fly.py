@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from heli_twin.commands import add_experiment, command, experiment_arguments, names_several, progress_bar, say
 from heli_twin.commands._several import fly_together
-from heli_twin.commands.judge import BROKEN
+from heli_twin.commands.judge import BROKEN, verdicts_on
 from heli_twin.commands.judge import show as show_verdicts
 from heli_twin.terminal_text import clean
 
 if TYPE_CHECKING:
     from heli_twin.experiment.envelope import Envelope
     from heli_twin.mission import Result
-    from heli_twin.requirements import Requirement, Verdict
-    from heli_twin.several.fly import SeveralResult
+    from heli_twin.requirements import Requirement
 
 
 def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
@@ -113,17 +112,6 @@ def requirements_named(source: str | None) -> "tuple[Requirement, ...]":
     from heli_twin.requirements import requirements_of
 
     return requirements_of(source)
-
-
-def verdicts_on(requirements: "tuple[Requirement, ...]", result: "Result | SeveralResult") -> "dict[str, Verdict]":
-    """Judge a flight; an invalid run says nothing."""
-    from heli_twin.flight import INVALID
-
-    if not requirements or result.outcome.kind == INVALID:
-        return {}
-    from heli_twin.requirements import judge
-
-    return judge(requirements, result.log)
 
 
 def warn_outside(source: str, envelope: "Envelope", result: "Result") -> None:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 from heli_twin.commands import command, file_path, say
 
 if TYPE_CHECKING:
-    from heli_twin.requirements import Verdict
+    from heli_twin.mission import Result
+    from heli_twin.requirements import Requirement, Verdict
+    from heli_twin.several.fly import SeveralResult
 
 BROKEN = 3
 """The exit code of a flight that does not keep a requirement."""
@@ -72,6 +74,17 @@ def run(parsed: Namespace) -> int:
         for path, of in verdicts.items():
             show(of, path if len(verdicts) > 1 else "")
     return 0 if all(verdict.holds for of in verdicts.values() for verdict in of.values()) else BROKEN
+
+
+def verdicts_on(requirements: "tuple[Requirement, ...]", result: "Result | SeveralResult") -> "dict[str, Verdict]":
+    """Judge a flight; an invalid run says nothing."""
+    from heli_twin.flight import INVALID
+
+    if not requirements or result.outcome.kind == INVALID:
+        return {}
+    from heli_twin.requirements import judge
+
+    return judge(requirements, result.log)
 
 
 def show(verdicts: "dict[str, Verdict]", title: str = "requirements") -> None:
