@@ -48,7 +48,7 @@ class Note(NamedTuple):
     """Result of one turn of a planner."""
 
     outcome: Outcome
-    """`committed`: a new plan; `kept`: the old one, no other was tried; `refused`: the old one, a new one was not clear."""
+    """`committed`: a new plan; `kept`: the old one, no other was tried; `refused`: the old one, the new too near."""
     reason: str = ""
     """Reason of the outcome in a few words; empty if the plan follows the wish."""
     is_stuck: bool = False
