@@ -20,7 +20,7 @@ from controllers.laws.external import External
 from controllers.model import GRAVITY
 from controllers.proxqp import BUILD_TROUBLE
 from controllers.reference import check_feasible
-from controllers.signals import NamedState, nanoseconds
+from controllers.signals import Array, NamedState, nanoseconds
 from controllers.trajectories import derivatives, fitted
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
@@ -259,10 +259,15 @@ def require_program(law: External) -> None:
         raise ProgramMissing(f"controller.{error}") from None
 
 
+def start_state(experiment: Experiment) -> Array:
+    """Return the physical state (8,) at the first point of the trajectory."""
+    return state(experiment.trajectory.flat(np.zeros(1)))[0]
+
+
 def start_plant(experiment: Experiment) -> Plant:
     """Return the helicopter at the first point of its trajectory."""
     try:
-        return experiment.plant.start(state(experiment.trajectory.flat(np.zeros(1)))[0])
+        return experiment.plant.start(start_state(experiment))
     except ValueError as error:
         raise ExperimentError(f"the flight cannot start: {error}") from None
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from annotated_types import MaxLen, doc
 
@@ -16,6 +16,7 @@ from heli_twin.experiment.objects import validated_parts
 from heli_twin.experiment.scenarios import MOST_SHIPS, Own, Scenario
 from heli_twin.experiment.values import ExperimentError
 from heli_twin.lab.network import Network
+from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.terminal_text import clean, instead
 
 
@@ -35,6 +36,13 @@ class Several:
         Coordination, OneOf("controllers.coordinations"), doc("how they keep out of each other's way")
     ] = field(default_factory=NoCoordination)
     network: Annotated[Network, doc("between their ground stations")] = field(default_factory=Network)
+    world: Annotated[
+        Literal["apart", "shared"],
+        doc(
+            "`apart`: each in a simulated world of its own, and the flight of who touches another is over;"
+            " `shared`: all in one MuJoCo world, in which they push each other and fall"
+        ),
+    ] = "apart"
     shared: Annotated[
         tuple[str, ...],
         MaxLen(100),
@@ -113,11 +121,22 @@ def checked_several(several: Any) -> Several:
             " ships.a.trajectory=hover and others"
         )
     _check_equal(fleet)
+    if checked.world == "shared":
+        _check_shared(fleet)
     known = components(next(iter(fleet.values())))
     unknown = next((name for name in checked.shared if name not in known), None)
     if unknown is not None:
         raise ExperimentError(f"shared: unknown component {instead(unknown, known)}")
     return checked
+
+
+def _check_shared(fleet: Mapping[str, Experiment]) -> None:
+    for name, other in fleet.items():
+        if type(other.plant) is not MuJoCo:
+            raise ExperimentError(
+                f"ships.{name}.plant = {clean(other.plant.kind, 60)}: one shared world has the plant mujoco alone; write"
+                " plant=mujoco or world=apart"
+            )
 
 
 def _check_equal(fleet: Mapping[str, Experiment]) -> None:

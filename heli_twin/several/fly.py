@@ -21,14 +21,16 @@ from heli_twin.experiment.tree import ExperimentError, canonical_json, toml_of
 from heli_twin.flight import INVALID, Outcome
 from heli_twin.lab.plant import Plant
 from heli_twin.lab.plant.airframe import shape_of
+from heli_twin.lab.plant.mujoco import MuJoCo
+from heli_twin.lab.plant.world import World
 from heli_twin.logbook import facts_of, planned_path, provenance
 from heli_twin.metrics.several import arrival, several_metrics
 from heli_twin.metrics.tracking import metrics
-from heli_twin.mission import checked, require_program, start_plant
+from heli_twin.mission import checked, require_program, start_plant, start_state
 from heli_twin.recording import Attachment, Log, LogExistsError, read_log
 from heli_twin.recording.log import Ending
 from heli_twin.recording.ships import ShipFacts, ShipsRecorder
-from heli_twin.several.room import Room, outcome_of_all
+from heli_twin.several.room import Helicopters, Room, outcome_of_all
 from heli_twin.whole_file import free_path
 
 
@@ -122,10 +124,10 @@ def fly_several(
     """
     several = checked_fleet(load_several(several) if isinstance(several, str) else several)
     fleet = several.fleet()
-    plants = {name: start_plant(experiment) for name, experiment in fleet.items()}
-    recorder = _begin_log(log_dir, several, fleet, plants)
+    helicopters = started(several, fleet)
+    recorder = _begin_log(log_dir, several, fleet, helicopters.plants)
     with recorder:
-        room = Room(several, plants, recorder.ships, progress)
+        room = Room(several, helicopters, recorder.ships, progress)
         for name, experiment in fleet.items():
             recorder.ships[name].reference_path(0, planned_path(experiment))
         began = perf_counter()
@@ -140,6 +142,22 @@ def fly_several(
     return SeveralResult(
         several, outcome, outcomes, recorder.path, digest, factor, data, recorder.trouble, BUILD_TROUBLE
     )
+
+
+def started(several: Several, fleet: Mapping[str, Experiment]) -> Helicopters:
+    """Return each helicopter at the first point of its trajectory, in a world of its own or all in one.
+
+    Raises:
+        ExperimentError: The flight of one cannot start.
+    """
+    if several.world == "apart":
+        return Helicopters({name: start_plant(experiment) for name, experiment in fleet.items()}, None)
+    plants = {name: e.plant for name, e in fleet.items() if isinstance(e.plant, MuJoCo)}
+    try:
+        world = World(plants, {name: start_state(experiment) for name, experiment in fleet.items()})
+    except ValueError as error:
+        raise ExperimentError(f"the flight cannot start: {error}") from None
+    return Helicopters(world.twins, world)
 
 
 def flown_several(log: Log) -> Several:

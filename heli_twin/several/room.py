@@ -1,8 +1,8 @@
 """One flight of several helicopters: each has its own lab and ground station, and all meet at common times.
 
-Between two common times each flies on alone, as in `heli_twin.flight`. At a common time, all know where the others are
-(for the air that they disturb), whether two touch, and planners whose turn it is act in the order of their names.
-Messages between ground stations go over the network of the room.
+Between two common times each flies on as in `heli_twin.flight`, in a world of its own or all in one. At a common time,
+all know where the others are (for the air that they disturb), and planners whose turn it is act in the order of their
+names. Messages between ground stations go over the network of the room.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,6 +25,7 @@ from heli_twin.flight import INVALID, Flight, Outcome, reproducible
 from heli_twin.lab import disturbances
 from heli_twin.lab.chance import Chance, generator, mixed
 from heli_twin.lab.plant import Plant
+from heli_twin.lab.plant.world import World
 from heli_twin.metrics.contact import touching
 from heli_twin.recording.ships import ShipWires
 
@@ -40,12 +41,21 @@ class Station(NamedTuple):
     wires: ShipWires
 
 
+class Helicopters(NamedTuple):
+    """The helicopters of a room."""
+
+    plants: Mapping[str, Plant]
+    """By name."""
+    world: World | None
+    """The world that moves all of them; None if each has one of its own."""
+
+
 class Room:
     """Several helicopters in one room, wired together; it flies once.
 
     Args:
         several: What to fly.
-        plants: The helicopters by name, each at the start of its trajectory.
+        helicopters: Each at the start of its trajectory.
         wires: Take what crosses the wires of each.
         progress: Told the simulated time, s, at every common time.
 
@@ -56,11 +66,11 @@ class Room:
     def __init__(
         self,
         several: Several,
-        plants: Mapping[str, Plant],
+        helicopters: Helicopters,
         wires: Mapping[str, ShipWires],
         progress: Callable[[float], None] = lambda t: None,
     ) -> None:
-        fleet = several.fleet()
+        fleet, plants, self.world = several.fleet(), helicopters.plants, helicopters.world
         first = next(iter(fleet.values()))
         base = mixed(first.noise) if first.noise else generator
         planners = planners_of(several, fleet)
@@ -74,8 +84,11 @@ class Room:
         }
         self.network = several.network.start(list(fleet), base(first.seed, "network"))
         self.received = dict.fromkeys(fleet, 0)
+        self.flying = {name: station.flight for name, station in self.stations.items()}
         self.outcomes: dict[str, Outcome] = {}
         """Of the flights that are over."""
+        self.touched: dict[str, str] = {}
+        """Whom each has touched first in one world, and when, for those that have."""
         self.progress = progress
         self.now = 0
 
@@ -85,12 +98,10 @@ class Room:
             for name, station in self.stations.items():
                 stack.enter_context(closed_after(station.flight.controller))
                 self.follow(name)
-            while len(self.outcomes) < len(self.stations):
+            while self.flying:
                 self.meet(self.now)
                 until = self.next_time()
-                for name, station in self.stations.items():
-                    if name not in self.outcomes:
-                        self.advance(name, station.flight, until)
+                self.advance(until)
                 self.now = until
                 self.progress(1e-9 * self.now)
         return {name: self.outcomes[name] for name in self.stations}
@@ -102,12 +113,10 @@ class Room:
         for i, station in enumerate(self.stations.values()):
             station.flight.neighbours = truths[:i] + truths[i + 1 :]
             station.flight.others = np.concatenate([positions[:i], positions[i + 1 :]])
-        names = list(self.stations)
-        for i, j in touching(positions):
-            a, b = names[i], names[j]
-            # Two that lie where they have touched touch for ever.
-            if not (a in self.outcomes and b in self.outcomes):
-                self.collided(t, a, b)
+        if self.world is None:
+            names = list(self.stations)
+            for i, j in touching(positions):
+                self.collided(t, names[i], names[j])
         for delivery in self.network.arrived(t):
             self.received[delivery.receiver] += 1
             self.stations[delivery.receiver].planner.receive(delivery.at, delivery.message)
@@ -147,24 +156,61 @@ class Room:
         ]
         return some.on_grid(min([air, *turns]))
 
-    def advance(self, name: str, flight: Flight, until: int) -> None:
-        """Fly one helicopter on to a common time, ns."""
+    def advance(self, until: int) -> None:
+        """Fly all on to a common time, ns, from one event of any of them to the next."""
+        while (now := min((flight.now for flight in self.flying.values()), default=until)) < until:
+            self.move_world(now)
+            for name, flight in [each for each in self.flying.items() if each[1].now == now]:
+                self.tick(name, flight, until)
+        self.move_world(until)
+
+    def tick(self, name: str, flight: Flight, until: int) -> None:
+        """Do all that is due for one helicopter now, and let it fly on to its next event, or to `until`, ns."""
         try:
-            outcome = flight.advance(until)
+            outcome = flight.tick(flight.now)
         except LawFailed as error:
             outcome = Outcome(INVALID, error.time, str(error))
-        if outcome is not None:
-            self.outcomes[name] = outcome
+        if outcome is None:
+            flight.coast(until)
+            return
+        if name in self.touched and outcome.kind != INVALID:
+            # Who touched another has collided, whatever came of it.
+            outcome = Outcome("collided", outcome.time, f"{self.touched[name]}, then {outcome.text}")
+        self.over(name, outcome)
+
+    def over(self, name: str, outcome: Outcome) -> None:
+        """Take note that a flight is over."""
+        if self.world:
+            self.world.switch_off(name)
+        self.outcomes[name] = outcome
+        del self.flying[name]
+
+    def move_world(self, until: int) -> None:
+        """Fly on with all that are in one world, to `until`, ns."""
+        if self.world is None:
+            return
+        before = len(self.world.touched)
+        self.world.advance(until)
+        for (a, b), t in [*self.world.touched.items()][before:]:
+            self.told(t, a, b)
 
     def collided(self, t: int, a: str, b: str) -> None:
-        """End the flights of two helicopters that touch."""
+        """End the flights of two helicopters that touch, each in a world of its own."""
+        flying = [name for name in (a, b) if name in self.flying]
+        for name in flying:
+            flight = self.flying[name]
+            flight.show(t, flight.plant.truth())
+        self.told(t, a, b)
+        for name in flying:
+            self.over(name, Outcome("collided", t, self.touched[name]))
+
+    def told(self, t: int, a: str, b: str) -> None:
+        """Record that two helicopters touch, on the wires of those that fly."""
         for name, other in ((a, b), (b, a)):
-            if name not in self.outcomes:
+            if name in self.flying:
                 text = f"touched {other} at {1e-9 * t:.2f} s"
-                flight = self.stations[name].flight
-                flight.show(t, flight.plant.truth())
                 self.stations[name].wires.event(t, "error", "collided", text)
-                self.outcomes[name] = Outcome("collided", t, text)
+                self.touched.setdefault(name, text)
 
 
 PLAN_SAMPLES = 32

@@ -83,6 +83,7 @@ def test_files_name_the_base_a_part_and_a_class_of_ones_own(tmp_path: Path, monk
         ("planet=1", "unknown field 'planet': did you mean"),
         ("network.loss=2", "network.loss = 2"),
         ("base=swap4", "swap4 is of several helicopters"),
+        ("world=one", "world = 'one'"),
         ("base=3", "base = 3: give the name of a preset"),
     ],
 )
@@ -99,6 +100,13 @@ def test_mistakes_in_python_are_told_like_those_in_text():
         checked_several(Several(ships={"a": Experiment(), "b": Experiment(duration=3.0)}))
     with pytest.raises(ExperimentError, match=r"ships.a.duration = -1"):
         checked_several(Several(ships={"a": Experiment(duration=-1.0)}))
+
+
+def test_one_world_has_one_kind_of_plant():
+    with pytest.raises(ExperimentError, match=r"ships.b.plant = ideal: one shared world has the plant mujoco alone"):
+        load_several("pair", ["world=shared", "ships.b.plant=ideal"])
+    assert load_several("pair", ["ships.b.plant=ideal"]).world == "apart"
+    assert '"world"' not in several_json(load_several("pair"))
 
 
 def test_random_starts_and_goals_are_apart_and_drawn_by_their_number():

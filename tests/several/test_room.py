@@ -114,6 +114,29 @@ def test_two_that_meet_collide(met: SeveralResult):
     assert {event.name for event in met.log.ship("b").events} >= {"collided"}
 
 
+def test_in_one_world_they_fly_bit_for_bit_as_apart_until_they_touch(apart: SeveralResult, met: SeveralResult):
+    together = fly_several(replace(apart.several, world="shared"), log_dir=None)
+    for name in "ab":
+        alone = apart.log.ship(name).messages
+        for topic, messages in together.log.ship(name).messages.items():
+            assert topic in MEASURED or messages == alone[topic], topic
+    shared = flown("duration=1.6", "scenario.radius=0.6", "world=shared")
+    last = met.outcome.time
+    for name, other in (("a", "b"), ("b", "a")):
+        log, of_world = shared.log.ship(name), met.log.ship(name)
+        before = np.searchsorted(of_world.truth.time, last - 100_000_000)
+        assert np.array_equal(log.truth.position[:before], of_world.truth.position[:before])
+        (event,) = (event for event in log.events if event.name == "collided")
+        # Apart, they are looked at every 20 ms; here the tail of one counts too.
+        assert last - 100_000_000 < event.time <= last
+        assert event.text == f"touched {other} at {1e-9 * event.time:.2f} s"
+        assert log.outcome == "collided"
+        assert log.ending.text == f"{event.text}, then flew the whole 1.6 s"
+        # They met at 1 m/s, and push each other back.
+        speed = log.truth.velocity[:, 0] * np.sign(log.truth.velocity[before, 0])
+        assert speed[-1] < speed[before] - 0.3
+
+
 def test_names_make_their_chance_and_shared_components_have_one(apart: SeveralResult):
     winds = [apart.log.ship(name).disturbance.wind for name in "ab"]
     assert np.abs(winds[0] - winds[1]).max() > 0.01

@@ -23,7 +23,12 @@ class Moving(NamedTuple):
 
 
 class Motion(Protocol):
-    """The joints between the world and the body. They are the first of the model."""
+    """The joints between the world and the body."""
+
+    position: Array
+    """(3,) view of the engine's."""
+    velocity: Array
+    """(3,) view of the engine's, world."""
 
     def place(self, x: Array) -> None:
         """Put the body into physical state x (8,), level."""
@@ -41,19 +46,27 @@ class Motion(Protocol):
 class Gimbal:
     """Slides x, y, z and hinges yaw, pitch, roll, in this order: the heading comes out unwrapped."""
 
-    def __init__(self, model: Any, data: Any) -> None:
-        self._model, self._data = model, data
-        # Views: the engine moves them.
-        self._place, self._angles = data.qpos[:3], data.qpos[3:6]
-        self._velocity, self._rates = data.qvel[:3], data.qvel[3:6]
-        self._yaw_damping = float(model.dof_damping[3])
+    def __init__(self, model: Any, data: Any, joint: int = 0) -> None:
+        """Begin in the state of the data.
+
+        Args:
+            model: The engine's model.
+            data: The engine's data.
+            joint: Number of the slide x.
+        """
+        place, speed = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        self._joints, self._speeds = data.qpos[place : place + 6], data.qvel[speed : speed + 6]
+        self.position, self._angles = self._joints[:3], self._joints[3:]
+        self.velocity, self._rates = self._speeds[:3], self._speeds[3:]
+        self._damping = model.dof_damping[speed + 3 : speed + 4]
+        self._yaw_damping = float(self._damping[0])
 
     def place(self, x: Array) -> None:
         """Put the body into physical state x (8,), level."""
         px, py, pz, yaw, vx, vy, vz, yaw_rate = (float(v) for v in x)
         c, s = cos(yaw), sin(yaw)
-        self._data.qpos[:6] = px, py, pz, yaw, 0.0, 0.0
-        self._data.qvel[:6] = c * vx - s * vy, s * vx + c * vy, vz, yaw_rate, 0.0, 0.0
+        self._joints[:] = px, py, pz, yaw, 0.0, 0.0
+        self._speeds[:] = c * vx - s * vy, s * vx + c * vy, vz, yaw_rate, 0.0, 0.0
 
     def now(self) -> Moving:
         """Return its state now; the arrays are copies."""
@@ -63,9 +76,9 @@ class Gimbal:
         # Yaw turns about the world's z, pitch about the turned y, roll about the nose.
         angular_velocity = (roll_rate - r * st, pitch_rate * cr + r * ct * sr, r * ct * cr - pitch_rate * sr)
         return Moving(
-            self._place.copy(),
+            self.position.copy(),
             _quaternion(yaw, pitch, roll),
-            self._velocity.copy(),
+            self.velocity.copy(),
             np.array(angular_velocity),
             yaw,
             r,
@@ -73,7 +86,7 @@ class Gimbal:
 
     def damp_yaw(self, on: bool) -> None:
         """Switch the damping of the yaw hinge."""
-        self._model.dof_damping[3] = self._yaw_damping if on else 0.0
+        self._damping[0] = self._yaw_damping if on else 0.0
 
 
 class FreeJoint:
@@ -87,8 +100,9 @@ class FreeJoint:
             data: The engine's data.
             gyro: Number of the actuator that damps the yaw; None if there is none.
         """
-        self._model, self._data, self._gyro = model, data, gyro
+        self._model, self._gyro = model, gyro
         self._pose, self._velocities = data.qpos[:7], data.qvel[:6]
+        self.position, self.velocity = self._pose[:3], self._velocities[:3]
         self._damping = 0.0 if gyro is None else float(model.actuator_biasprm[gyro, 2])
         self._heading, self._turns = 0.0, 0
 
@@ -96,8 +110,8 @@ class FreeJoint:
         """Put the body into physical state x (8,), level."""
         px, py, pz, yaw, vx, vy, vz, yaw_rate = (float(v) for v in x)
         c, s = cos(yaw), sin(yaw)
-        self._data.qpos[:7] = px, py, pz, cos(0.5 * yaw), 0.0, 0.0, sin(0.5 * yaw)
-        self._data.qvel[:6] = c * vx - s * vy, s * vx + c * vy, vz, 0.0, 0.0, yaw_rate
+        self._pose[:] = px, py, pz, cos(0.5 * yaw), 0.0, 0.0, sin(0.5 * yaw)
+        self._velocities[:] = c * vx - s * vy, s * vx + c * vy, vz, 0.0, 0.0, yaw_rate
         self._heading = atan2(s, c)
         self._turns = round((yaw - self._heading) / (2.0 * pi))
 

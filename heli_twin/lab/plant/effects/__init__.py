@@ -10,16 +10,27 @@ from typing import Any, NamedTuple, Protocol
 
 from controllers.signals import Array
 from heli_twin.lab.plant import Battery
+from heli_twin.lab.plant.motion import Motion
 
 PERIOD_NS = 20_000_000
 """Time between two updates of the effects."""
 
 
 class Physics:
-    """The engine's model and data of one flight, and the quantities that effects share."""
+    """The engine's model and data of one flight, and the quantities that effects share.
 
-    def __init__(self, model: Any, data: Any, trim: Array, period: float) -> None:
+    Other helicopters may be in the same model: ask it for parts by their names, and take the numbers that it gives.
+    """
+
+    def __init__(self, model: Any, data: Any, motion: Motion, trim: Array, period: float) -> None:
         self.model, self.data = model, data
+        self.position, self.velocity = motion.position, motion.velocity
+        """(3,) views, world, m and m/s."""
+        self.first_stick = int(model.actuator("u_x").id)
+        """Number of the first of the four sticks."""
+        lags = model.actuator_actadr[self.first_stick]
+        self.actuators: Array = data.act[lags : lags + 4]
+        """(4,) view: what servos, rotors and yaw drive have reached, in units of the inputs."""
         self.period = period
         """Time between two updates, s: `PERIOD_NS` in whole physics steps."""
         self.trim = trim
@@ -33,6 +44,19 @@ class Physics:
         self.battery: Battery | None = None
         self.loose_geom = -1
         """Number of a geom that is not a part of the helicopter although it moves; -1 if there is none."""
+
+
+def number(find: Callable[[str], Any], name: str) -> int | None:
+    """Return the number of a part of the model; None if there is none of this name.
+
+    Args:
+        find: Looks it up, such as `model.actuator`.
+        name: Of the part.
+    """
+    try:
+        return int(find(name).id)
+    except KeyError:
+        return None
 
 
 class Updates(NamedTuple):

@@ -47,7 +47,7 @@ class BatterySpec:
 
     def start(self, physics: Physics) -> Updates:
         """Begin under the load of hovering."""
-        return Updates(every_period=BatteryInFlight(self, float(physics.trim[2]), physics.data.act).discharge)
+        return Updates(every_period=BatteryInFlight(self, float(physics.trim[2]), physics.actuators).discharge)
 
 
 class BatteryInFlight:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from heli_twin.lab.plant.effects import Physics, Updates
+from heli_twin.lab.plant.effects import Physics, Updates, number
 
 SIDEWAYS = ("drag_x", "drag_y", "hub_drag_x_mast", "hub_drag_x_cog", "hub_drag_y_mast", "hub_drag_y_cog")
 """Actuators whose drag acts sideways."""
@@ -40,10 +40,9 @@ class GroundEffect:
     def start(self, physics: Physics) -> Updates:
         """Begin with the drag far from the floor."""
         model = physics.model
-        names = [model.actuator(i).name for i in range(model.nu)]
-        ids = [i for i, name in enumerate(names) if name in SIDEWAYS]
+        ids = [i for name in SIDEWAYS if (i := number(model.actuator, name)) is not None]
         # Views: to look them up takes as long as a physics step.
-        drag, position = model.actuator_biasprm[:, 2], physics.data.qpos[:3]
+        drag, position = model.actuator_biasprm[:, 2], physics.position
         far = drag[ids]
 
         def every_period(physics: Physics) -> None:

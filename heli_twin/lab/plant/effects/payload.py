@@ -104,9 +104,9 @@ class OnString:
         if self._periods < self._first:
             data.qpos[self._place], data.qvel[self._speed] = PARKED_M, 0.0
         elif self._periods == self._first:
-            x, y, z = data.qpos[:3].tolist()
+            x, y, z = physics.position.tolist()
             data.qpos[self._place] = x, y, max(z + HOOK_M - self._length, 0.004)
-            data.qvel[self._speed] = data.qvel[:3]
+            data.qvel[self._speed] = physics.velocity
         physics.model.tendon_limited[self._string] = self._first <= self._periods < self._last
 
 

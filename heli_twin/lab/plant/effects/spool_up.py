@@ -33,6 +33,6 @@ class SpoolUp:
 
     def start(self, physics: Physics) -> Updates:
         """Stop the rotors of a helicopter that stands."""
-        if physics.data.qpos[2] < self.height:
+        if physics.position[2] < self.height:
             physics.stands = True
         return Updates()
