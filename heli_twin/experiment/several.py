@@ -134,8 +134,8 @@ def _check_shared(fleet: Mapping[str, Experiment]) -> None:
     for name, other in fleet.items():
         if type(other.plant) is not MuJoCo:
             raise ExperimentError(
-                f"ships.{name}.plant = {clean(other.plant.kind, 60)}: one shared world has the plant mujoco alone; write"
-                " plant=mujoco or world=apart"
+                f"ships.{name}.plant = {clean(other.plant.kind, 60)}: one shared world has the plant mujoco alone:"
+                " write plant=mujoco or world=apart"
             )
 
 
