@@ -286,7 +286,7 @@ def test_a_vector_of_the_body_is_turned_by_yaw_pitch_and_roll(yaw, pitch, roll):
     Rz, Ry = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]), np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     Rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     data = SimpleNamespace(qpos=np.array([0, 0, 0, yaw, pitch, roll]), qvel=np.zeros(6))
-    quat = Gimbal(SimpleNamespace(dof_damping=np.zeros(6)), data).now().quat_wxyz
+    quat = Gimbal(SimpleNamespace(jnt_qposadr=[0], jnt_dofadr=[0], dof_damping=np.zeros(6)), data).now().quat_wxyz
     for vector in np.eye(3):
         np.testing.assert_allclose(rotated_to_world(quat, vector), Rz @ Ry @ Rx @ vector, atol=1e-12)
 
@@ -297,7 +297,7 @@ def test_the_angular_velocity_is_the_change_of_the_attitude(yaw, pitch, roll, r,
 
     def gimbal(at):
         data = SimpleNamespace(qpos=np.array([0, 0, 0, *at]), qvel=np.array([0, 0, 0, *rates]))
-        return Gimbal(SimpleNamespace(dof_damping=np.zeros(6)), data).now()
+        return Gimbal(SimpleNamespace(jnt_qposadr=[0], jnt_dofadr=[0], dof_damping=np.zeros(6)), data).now()
 
     before, after = (gimbal(angles + sign * dt * rates).quat_wxyz for sign in (-1, 1))
     turned = before[0] * after[1:] - after[0] * before[1:] - np.cross(before[1:], after[1:])
