@@ -102,10 +102,24 @@ def test_mistakes_in_python_are_told_like_those_in_text():
         checked_several(Several(ships={"a": Experiment(duration=-1.0)}))
 
 
-def test_one_world_has_one_kind_of_plant():
+@pytest.mark.parametrize("name", presets("several"))
+def test_a_base_of_another_law_is_taken_as_it_is(name: str, tmp_path: Path):
+    file = tmp_path / "mine.toml"
+    file.write_text("controller = 'pid'\n")
+    assert load_several(name, [f"base={file}"]).every.controller == load(str(file)).controller
+    assert load_several(name, ["base=lab_simple"]).every.controller == load("lab_simple").controller
+
+
+def _written(path: Path, text: str) -> str:
+    path.write_text(text)
+    return str(path)
+
+
+def test_one_world_has_one_kind_of_plant(tmp_path: Path):
     with pytest.raises(ExperimentError, match=r"ships.b.plant = ideal: one shared world has the plant mujoco alone"):
         load_several("pair", ["world=shared", "ships.b.plant=ideal"])
     assert load_several("pair", ["ships.b.plant=ideal"]).world == "apart"
+    assert is_several(_written(tmp_path / "one.toml", "world = 'shared'\n"))
     assert '"world"' not in several_json(load_several("pair"))
 
 
