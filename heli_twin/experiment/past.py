@@ -59,6 +59,7 @@ PAST: dict[str, Past] = {
     "controllers.estimators.detailed_kalman.DetailedKalman.lift_walk": Past(7, 0.2, is_new=False),
     "heli_twin.experiment.Experiment.noise": Past(6, []),
     "heli_twin.experiment.Experiment.supervisor": Past(5, {"kind": "off"}),
+    "heli_twin.experiment.several.Several.transmitters": Past(7, "each"),
     "heli_twin.experiment.several.Several.world": Past(7, "apart"),
     "heli_twin.experiment.Experiment.excitation": Past(5, {"kind": "off"}),
     f"{_SAFETY}.level_after": Past(5, 0.5, is_new=False),

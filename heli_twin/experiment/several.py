@@ -17,6 +17,7 @@ from heli_twin.experiment.scenarios import MOST_SHIPS, Own, Scenario
 from heli_twin.experiment.values import ExperimentError
 from heli_twin.lab.network import Network
 from heli_twin.lab.plant.mujoco import MuJoCo
+from heli_twin.lab.radio import Dsm2
 from heli_twin.terminal_text import clean, instead
 
 
@@ -36,6 +37,14 @@ class Several:
         Coordination, OneOf("controllers.coordinations"), doc("how they keep out of each other's way")
     ] = field(default_factory=NoCoordination)
     network: Annotated[Network, doc("between their ground stations")] = field(default_factory=Network)
+    transmitters: Annotated[
+        Literal["each", "one"],
+        doc(
+            "`each`: every helicopter has a transmitter of its own, whose frames begin when they like; `one`: a single"
+            " one sends a frame to each in turn, so that n helicopters wait n times as long; estimator.command_delay"
+            " is then 0.011 s and 0.011 s for each of them"
+        ),
+    ] = "each"
     world: Annotated[
         Literal["apart", "shared"],
         doc(
@@ -123,6 +132,8 @@ def checked_several(several: Any) -> Several:
     _check_equal(fleet)
     if checked.world == "shared":
         _check_shared(fleet)
+    if checked.transmitters == "one":
+        _check_turns(fleet)
     known = components(next(iter(fleet.values())))
     unknown = next((name for name in checked.shared if name not in known), None)
     if unknown is not None:
@@ -136,6 +147,31 @@ def _check_shared(fleet: Mapping[str, Experiment]) -> None:
             raise ExperimentError(
                 f"ships.{name}.plant = {clean(other.plant.kind, 60)}: one shared world has the plant mujoco alone:"
                 " write plant=mujoco or world=apart"
+            )
+
+
+LONGEST_ROUND_S = 1.0
+"""Longest time between two frames to a helicopter."""
+
+
+def _check_turns(fleet: Mapping[str, Experiment]) -> None:
+    (first, one), *_ = fleet.items()
+    for name, e in fleet.items():
+        if not isinstance(e.radio, Dsm2) or not isinstance(one.radio, Dsm2):
+            raise ExperimentError(
+                f"ships.{name}.radio = {clean(e.radio.kind, 60)}: one transmitter for all has frames: write radio=dsm2"
+                " or transmitters=each"
+            )
+        if e.radio.frame_period != one.radio.frame_period:
+            raise ExperimentError(
+                f"ships.{name}.radio.frame_period = {e.radio.frame_period} s, but {one.radio.frame_period} s for"
+                f" {first}: one transmitter for all has one; write radio.frame_period=... or transmitters=each"
+            )
+        if e.radio.frame_period * len(fleet) > LONGEST_ROUND_S:
+            raise ExperimentError(
+                f"radio.frame_period = {e.radio.frame_period} s: {len(fleet)} helicopters in turn wait"
+                f" {e.radio.frame_period * len(fleet):.3g} s, at most {LONGEST_ROUND_S:g} s are allowed: write"
+                " transmitters=each or fewer helicopters"
             )
 
 

@@ -43,7 +43,7 @@ from heli_twin.terminal_text import clean, instead
 
 EVERY, SHIPS = "every", "ships"
 """Keys of the experiment of every helicopter, and of those of single ones."""
-ROOM = frozenset({"scenario", "coordination", "network", "shared", "world"})
+ROOM = frozenset({"scenario", "coordination", "network", "shared", "transmitters", "world"})
 """Fields of the room; the first words of their paths."""
 
 

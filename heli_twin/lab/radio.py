@@ -22,6 +22,15 @@ class Held(NamedTuple):
     """(4,) inputs."""
 
 
+class Turn(NamedTuple):
+    """The place of a helicopter among those that one transmitter serves in turn."""
+
+    number: int
+    """From 0."""
+    of: int
+    """How many they are."""
+
+
 class Radio(Protocol):
     """A radio link in flight."""
 
@@ -67,16 +76,36 @@ class Dsm2:
 
     def start(self, rng: np.random.Generator) -> "Dsm2Link":
         """A link for one flight."""
-        return Dsm2Link(self, rng)
+        period = nanoseconds(self.frame_period)
+        return Dsm2Link(self, rng, int(rng.integers(period)), period)
+
+    def start_in_turn(self, rng: np.random.Generator, shared: np.random.Generator, turn: Turn) -> "Dsm2Link":
+        """A link for one of several helicopters, to which one transmitter sends its frames in turn.
+
+        Args:
+            rng: Source of its lost frames.
+            shared: Source of the phase of the frames; the same numbers for all of them.
+            turn: Its place among them.
+        """
+        period = nanoseconds(self.frame_period)
+        return Dsm2Link(self, rng, int(shared.integers(period)) + turn.number * period, turn.of * period)
 
 
 class Dsm2Link:
-    """The link of one flight; the phase of its frames is drawn once."""
+    """The link of one flight."""
 
-    def __init__(self, spec: Dsm2, rng: np.random.Generator) -> None:
+    def __init__(self, spec: Dsm2, rng: np.random.Generator, first: int, period: int) -> None:
+        """Begin at time 0.
+
+        Args:
+            spec: What it is.
+            rng: Source of its lost frames.
+            first: When the first frame is sent, ns.
+            period: Time between two frames, ns.
+        """
         self._spec, self._half = spec, 0.5 * spec.levels
-        self._period, self._latency = nanoseconds(spec.frame_period), nanoseconds(spec.latency)
-        self._frame = int(rng.integers(self._period))
+        self._period, self._latency = period, nanoseconds(spec.latency)
+        self._frame = first
         self._waiting: list[tuple[int, Held]] = []
         self.due = self._frame + self._latency
         self._failsafe = nanoseconds(spec.failsafe) or NEVER_NS

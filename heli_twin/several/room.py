@@ -26,6 +26,7 @@ from heli_twin.lab import disturbances
 from heli_twin.lab.chance import Chance, generator, mixed
 from heli_twin.lab.plant import Plant
 from heli_twin.lab.plant.world import World
+from heli_twin.lab.radio import Dsm2, Turn
 from heli_twin.metrics.contact import touching
 from heli_twin.recording.ships import ShipWires
 
@@ -82,6 +83,8 @@ class Room:
             )
             for name, e in fleet.items()
         }
+        if several.transmitters == "one":
+            self.share_transmitter(base, several.shared)
         self.network = several.network.start(list(fleet), base(first.seed, "network"))
         self.received = dict.fromkeys(fleet, 0)
         self.flying = {name: station.flight for name, station in self.stations.items()}
@@ -91,6 +94,14 @@ class Room:
         """Whom each has touched first in one world, and when, for those that have."""
         self.progress = progress
         self.now = 0
+
+    def share_transmitter(self, base: Chance, shared: tuple[str, ...]) -> None:
+        """Let one transmitter send its frames to each in turn, in the order of their names."""
+        for number, (name, station) in enumerate(self.stations.items()):
+            e, turn = station.flight.experiment, Turn(number, len(self.stations))
+            assert isinstance(e.radio, Dsm2)
+            own, of_all = chance_of(base, name, shared)(e.seed, "radio"), base(e.seed, "radio")
+            station.flight.radio = e.radio.start_in_turn(own, of_all, turn)
 
     def run(self) -> dict[str, Outcome]:
         """Fly until the flight of every helicopter is over; return how each ended."""

@@ -110,6 +110,20 @@ def test_a_base_of_another_law_is_taken_as_it_is(name: str, tmp_path: Path):
     assert load_several(name, ["base=lab_simple"]).every.controller == load("lab_simple").controller
 
 
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("ships.b.radio=off", "ships.b.radio = off: one transmitter for all has frames"),
+        ("ships.b.radio.frame_period=0.011", "ships.b.radio.frame_period = 0.011 s, but 0.022 s for a"),
+        ("radio.frame_period=0.6", "radio.frame_period = 0.6 s: 2 helicopters in turn wait 1.2 s, at most 1 s"),
+    ],
+)
+def test_one_transmitter_sends_frames_to_all(override: str, sentence: str):
+    assert load_several("pair", [override]).transmitters == "each"
+    with pytest.raises(ExperimentError, match=re.escape(sentence)):
+        load_several("pair", ["transmitters=one", override])
+
+
 def _written(path: Path, text: str) -> str:
     path.write_text(text)
     return str(path)

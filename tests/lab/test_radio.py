@@ -6,10 +6,14 @@ from scipy.stats import binom
 
 from controllers.signals import Command
 from heli_twin.experiment.families import members
-from heli_twin.lab.radio import NEVER_NS, Dsm2, NoRadio
+from heli_twin.lab.radio import NEVER_NS, Dsm2, NoRadio, Turn
 
 MS = 1_000_000
 U = np.array([0.1, -0.2, 0.545, 0.03])
+
+
+def generated(seed):
+    return np.random.default_rng(seed)
 
 
 def command(stamp, u=U):
@@ -183,3 +187,18 @@ def test_without_commands_the_receiver_takes_its_own_once_and_then_obeys_again()
 
 def test_without_a_failsafe_the_last_command_stays_in_force():
     assert [stamp for _, stamp in flown(link(failsafe=0.0, loss=0.0), [0], 5000 * MS)] == [0]
+
+
+def test_one_transmitter_serves_each_in_turn():
+    """Frame k is of helicopter k modulo n, whatever each loses."""
+    first = Dsm2().start(generated(5)).due
+    for number in range(3):
+        radio = Dsm2(loss=0.3).start_in_turn(generated(number), generated(5), Turn(number, 3))
+        held = flown(radio, range(0, 20_000 * MS, MS), 20_000 * MS)
+        frames = {(t - first) // (22 * MS) for t, _ in held if (t - first) % (22 * MS) == 0}
+        assert len(frames) == len(held)
+        assert {k % 3 for k in frames} == {number}
+        # 303 frames in 20 s, of which 30 % are lost: the standard deviation is 2.6 %.
+        assert len(held) == pytest.approx(0.7 * 303, abs=5 * 8)
+        # The command of the millisecond before the frame, 5 ms later.
+        assert all(5 * MS <= t - stamp < 6 * MS for t, stamp in held)

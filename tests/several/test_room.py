@@ -30,7 +30,7 @@ from heli_twin.recording.schema import FORMAT, MEASURED
 from heli_twin.several.fly import SeveralResult, fly_several
 from heli_twin.several.room import chance_of
 
-STEP_NS, TURN_NS = 200_000_000, 100_000_000
+STEP_NS, TURN_NS, MS = 200_000_000, 100_000_000, 1_000_000
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,19 @@ def test_in_one_world_they_fly_bit_for_bit_as_apart_until_they_touch(apart: Seve
         # They met at 1 m/s, and push each other back.
         speed = log.truth.velocity[:, 0] * np.sign(log.truth.velocity[before, 0])
         assert speed[-1] < speed[before] - 0.3
+
+
+def test_one_transmitter_sends_to_each_in_turn(apart: SeveralResult):
+    """Commands begin to act 22 ms apart: those of one at even frames, those of the other at odd ones."""
+    turns = fly_several(replace(apart.several, transmitters="one"), log_dir=None)
+    acting = [turns.log.ship(name).acting for name in "ab"]
+    starts = [row.time[row.stamp >= 0] for row in acting]
+    for own in starts:
+        assert set(np.diff(own) // MS % 44) == {0}
+        assert 19 <= len(own) <= 23
+    assert (starts[1][0] - starts[0][0]) // MS % 44 == 22
+    alone = [apart.log.ship(name).acting.time for name in "ab"]
+    assert (alone[1][1] - alone[0][1]) // MS % 22 != 0
 
 
 def test_names_make_their_chance_and_shared_components_have_one(apart: SeveralResult):
