@@ -108,6 +108,8 @@ def show_ships(summary: dict[str, Any]) -> None:
 
 def show_distances(summary: dict[str, Any]) -> None:
     """Print how near they came to each other, and what the planners did."""
+    from heli_twin.reporting.terminal_tables import milliseconds
+
     for name, where, what in (
         ("least_distance_in_plane", "nearest", "least distance in the plane"),
         ("least_planned", "nearest_planned", "of what they were committed to"),
@@ -118,5 +120,6 @@ def show_distances(summary: dict[str, Any]) -> None:
     if summary["turns"]:
         say(
             f"{summary['turns']} turns of planners, {summary['refused_plans']} new plans refused,"
-            f" {summary['messages']} messages"
+            f" {summary['messages']} messages; a turn takes {milliseconds(summary['planning_ms']['p50'])},"
+            f" 99 % {milliseconds(summary['planning_ms']['p99'])}"
         )

@@ -17,7 +17,7 @@ from heli_twin.experiment import Experiment
 from heli_twin.metrics.flat import flat
 from heli_twin.metrics.measures import measures
 from heli_twin.metrics.motion import in_seconds, motion
-from heli_twin.metrics.tracking import metrics
+from heli_twin.metrics.tracking import metrics, milliseconds
 from heli_twin.recording import Log
 
 ARRIVED_M = 0.15
@@ -165,7 +165,7 @@ def several_metrics(log: Log, wishes: Mapping[str, Trajectory]) -> dict[str, Any
     in the plane, between what they were committed to at the same time. `nearest` says who and when. `arrived` counts
     who stayed at its goal, `missing` who did not; `time_to_goal` (s) is that of the last of them, None if one did not
     arrive. `stuck` (s) is how long plans stood away from their goals, summed. `refused_plans` counts turns of planners
-    in which a new plan was refused.
+    in which a new plan was refused; `planning_ms` are measured times of turns.
 
     Args:
         log: Of all.
@@ -193,6 +193,9 @@ def several_metrics(log: Log, wishes: Mapping[str, Trajectory]) -> dict[str, Any
         "turns": len(turns),
         "refused_plans": sum(turn.outcome == "refused" for turn in turns),
         "messages": sum(turn.sent for turn in turns),
+        "planning_ms": milliseconds(
+            np.concatenate([np.zeros(0, np.int64), *(ship.planning_ns for ship in logs.values())])
+        ),
     }
 
 

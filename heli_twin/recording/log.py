@@ -417,6 +417,13 @@ class Log:
             ]
 
     @cached_property
+    def planning_ns(self) -> Times:
+        """(n,) measured times of the turns of the planner of one of several helicopters, ns."""
+        with _decoding("/planning_timing"):
+            messages = self._messages("/planning_timing").data
+            return np.array([ships_pb2.PlanningTime.FromString(bytes(data)).turn_ns for data in messages], np.int64)
+
+    @cached_property
     def timing(self) -> Timings:
         """Measured computing times."""
         return Timings(*self._columns("/timing"))

@@ -22,8 +22,12 @@ NAMES = {
     "variation": "stick travel",
     "effort": "stick effort",
     "saturated": "time at a stick limit",
+    "least_planned": "least distance of plans",
+    "missing": "helicopters not at their goals",
+    "planning_ms": "turn of a planner",
 }
 LENGTHS = ("rmse", "max_abs_error", "p95", "bias", "spread", "sustained")
+LARGER_IS_BETTER = ("least_distance", "least_distance_in_plane", "least_planned", "arrived", "real_time_factor")
 UNITS = {
     "duration": ("s", 1.0),
     "settling": ("s", 1.0),
@@ -33,6 +37,11 @@ UNITS = {
     "saturated": ("%", 100.0),
     "effort": ("stick\u00b2", 1.0),
     "variation": ("sticks/s", 1.0),
+    "time_to_goal": ("s", 1.0),
+    "stuck": ("s", 1.0),
+    "least_distance": ("m", 1.0),
+    "least_distance_in_plane": ("m", 1.0),
+    "least_planned": ("m", 1.0),
 }
 
 STORED_UNITS = {
@@ -46,6 +55,11 @@ STORED_UNITS = {
     "settling": "s",
     "effort": "full stick squared",
     "variation": "full stick/s",
+    "time_to_goal": "s",
+    "stuck": "s",
+    "least_distance": "m",
+    "least_distance_in_plane": "m",
+    "least_planned": "m",
     "saturated": "share of the time",
 }
 """Units of further columns of a study's results."""
@@ -77,7 +91,7 @@ def metric(name: str) -> Scale:
     if stem == "excess":
         return Scale(f"excess over requirement {axis}", "%", 100.0)
     if stem.endswith("_ms"):
-        return Scale(f"{stem[:-3].replace('_', ' ')} {axis}", "ms", 1.0)
+        return Scale(_name(NAMES.get(stem, stem[:-3].replace("_", " ")), axis), "ms", 1.0)
     return Scale("largest tilt", "deg", 180 / np.pi) if name == "tilt.max" else Scale(text, "", 1.0)
 
 
@@ -102,11 +116,19 @@ def _name(stem: str, axis: str) -> str:
 
 def field(path: str, values: Sequence[float] = ()) -> Scale:
     """Return the scale of an axis: small times in ms, small masses in g."""
-    unit = _unit(Experiment, path.split("."))
+    unit = _unit(Experiment, path.split(".")) or _unit_in_room(path)
     largest = max((abs(value) for value in values), default=np.inf)
     if unit == "s" and largest < 0.5:
         return Scale(path, "ms", 1e3)
     return Scale(path, "g", 1e3) if unit == "kg" and largest < 1 else Scale(path, "" if unit == "1" else unit, 1.0)
+
+
+def _unit_in_room(path: str) -> str:
+    """The unit of a field of several helicopters, or of one of them."""
+    from heli_twin.experiment.several import Several
+
+    first, *rest = path.split(".")
+    return _unit(Experiment, rest[1:]) if first == "ships" and rest[1:] else _unit(Several, [first, *rest])
 
 
 def _unit(spec: type, keys: list[str]) -> str:

@@ -28,7 +28,7 @@ STANDING_PLAN_M = 0.06
 INVALID: Literal["invalid"] = "invalid"
 """The outcome of a run whose control law was a process that failed: it is neither completed nor a failure."""
 MEASURED_COLUMNS = (
-    *("control_step_ms.", "solve_ms.", "deadline_misses", "real_time_factor", "wall_time", "attempts"),
+    *("control_step_ms.", "solve_ms.", "planning_ms.", "deadline_misses", "real_time_factor", "wall_time", "attempts"),
     *("host", "started", "git_commit", "cpu", "platform", "python", "version."),
 )
 """Columns that may differ between two flights of the same experiment, by how their names begin."""

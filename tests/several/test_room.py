@@ -247,6 +247,8 @@ def test_turns_and_messages_are_recorded(relayed: SeveralResult):
     summary = relayed.summary()
     assert summary["turns"] == 2 * len(turns)
     assert summary["messages"] == 2 * len(turns)
+    took = summary["planning_ms"]
+    assert 0.0 < took["p50"] <= took["p99"] <= took["max"]
     # A plan follows its wish, whose centre is 1.6 m from that of the other.
     assert summary["least_planned"] == pytest.approx(1.6, abs=0.01)
 

@@ -81,6 +81,6 @@ def test_metrics_of_several_need_several():
         planned(score="mising")
 
 
-@pytest.mark.parametrize("name", ["room_ships", "room_messages", "room_gusts"])
+@pytest.mark.parametrize("name", ["room_ships", "room_messages", "room_gusts", "room_downwash"])
 def test_shipped_studies_of_rooms_can_be_flown(name: str):
     assert plan_of(load_study(name)).count() > 1

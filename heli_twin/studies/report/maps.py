@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from heli_twin.reporting.figure import CONTOUR_RATE, Array, Curve, Dots, Figure, Heat, Panel, decades
 from heli_twin.reporting.intervals import grouped_mean, grouped_percent
-from heli_twin.reporting.words import field, listed, metric, number
+from heli_twin.reporting.words import LARGER_IS_BETTER, field, listed, metric, number
 from heli_twin.studies.report.results import INDEPENDENT_SENTENCE, Results
 
 MAX_CLOUD_POINTS = 3000
@@ -121,7 +121,8 @@ def _sweep_sentence(
     for name in chosen[:5]:
         what = metric(name)
         if len(series) > 1:
-            leaders = _leaders(results, results.metric(name), place, len(values), series)
+            smaller_is_better = results.metric(name) * (-1.0 if name in LARGER_IS_BETTER else 1.0)
+            leaders = _leaders(results, smaller_is_better, place, len(values), series)
             facts.append(f"{what.name}: {_told(leaders, shown, list(series))}")
         else:
             mean = what.factor * grouped_mean(place, results.metric(name), len(values)).mean
