@@ -3,7 +3,8 @@
 The unknowns are du = u - u_nominal, the change of the inputs from the nominal ones. The states are eliminated by
 x = x_nominal + G du: the nominal trajectory starts at the newest state, so the affine terms d_k of (22) are zero.
 Minimise 1/2 du'H du + g'du subject to u_low <= du <= u_high and v_low <= C du <= v_high, where C du is the change of
-the predicted velocities. The measured state is not bounded: noise alone could make that infeasible.
+the predicted velocities and, where servos are slow, of the travel of the inputs from one period to the next. The
+measured state is not bounded: noise alone could make that infeasible.
 """
 
 from typing import NamedTuple, Protocol, cast
@@ -26,18 +27,18 @@ class Cost(NamedTuple):
 
 
 class CondensedQp(NamedTuple):
-    """A dense QP in the N m stacked changes du of the inputs, with as many velocity rows."""
+    """A dense QP in the N m stacked changes du of the inputs, with r rows: Nm of velocities, and Nm of travel or none."""
 
     H: Array
     """(Nm, Nm) Hessian of the cost."""
     g: Array
     """(Nm,) gradient of the cost at du = 0."""
     C: Array
-    """(Nm, Nm) change of the predicted velocities per change of the inputs."""
+    """(r, Nm) change of the predicted velocities, then of the travel of the inputs, per change of the inputs."""
     v_low: Array
-    """(Nm,) lower bound of C du."""
+    """(r,) lower bound of C du."""
     v_high: Array
-    """(Nm,) upper bound of C du."""
+    """(r,) upper bound of C du."""
     u_low: Array
     """(Nm,) lower bound of du."""
     u_high: Array
@@ -69,6 +70,17 @@ class Limits(NamedTuple):
     """(m,) upper input limits, full stick."""
     v_max: Array
     """(m,) limits on the magnitude of the velocity that each input drives: vx vy vz (m/s) or yaw rate (rad/s)."""
+    travel: Array
+    """(m,) limits on the change of each input from one period to the next, full stick; infinite where there is none."""
+
+    @property
+    def slow(self) -> bool:
+        """True if an input cannot get from one end to the other within one period."""
+        return bool((self.travel < self.u_max - self.u_min).any())
+
+    def keep_travel(self, u: Array, before: Array) -> bool:
+        """Say whether inputs u (N, m) after `before` (m,) change slowly enough."""
+        return bool((np.abs(np.diff(u, axis=0, prepend=before[None])) <= self.travel).all())
 
 
 class Off(NamedTuple):
@@ -189,13 +201,18 @@ class Condenser:
         self, steps: int, limits: Limits, subsystem: Subsystem, w: Weights, responses: Responses | None = None
     ) -> None:
         self._subsystem, self._w = subsystem, w
-        u_min, u_max, v_max = (bound[subsystem.inputs] for bound in limits)
+        own = Limits(*(bound[subsystem.inputs] for bound in limits))
+        u_min, u_max, v_max, self._travel = own
         self._bounds, self._shape = np.array([[-v_max, v_max], [u_min, u_max]])[:, :, None], (steps, len(v_max))
         self._responses = responses or StepByStep(steps, subsystem, w)
         self._constant: tuple[Array, Array, Array] | None = None
         """H and C of a constant subsystem, and its gradient for each error of the states."""
         self._inverse: Array | None = None
         """Of the H of a constant subsystem."""
+        self._changes: Array | None = None
+        """Travel from one period to the next per input, where it is bounded."""
+        if own.slow:
+            self._changes = np.eye(steps * len(v_max)) - np.eye(steps * len(v_max), k=-len(v_max))
 
     def _all(
         self, x_nominal: Array, AB: Array | None, root: Array, shape: tuple[int, ...]
@@ -215,7 +232,7 @@ class Condenser:
         self, AB: Array | None, x_nominal: Array, u_nominal: Array, off: Off, sqrt_Qf: Array | None = None
     ) -> CondensedQp:
         """Condense one horizon: its cost and its bounds; arguments as of `cost` and `bounded`."""
-        return self.bounded(self.cost(AB, x_nominal, off, sqrt_Qf), x_nominal, u_nominal)
+        return self.bounded(self.cost(AB, x_nominal, off, sqrt_Qf), x_nominal, u_nominal, u_nominal[0])
 
     def cost(self, AB: Array | None, x_nominal: Array, off: Off, sqrt_Qf: Array | None = None) -> Cost:
         """Condense the cost of one horizon.
@@ -249,11 +266,25 @@ class Condenser:
         except np.linalg.LinAlgError:
             return np.full_like(cost.g, np.nan)
 
-    def bounded(self, cost: Cost, x_nominal: Array, u_nominal: Array) -> CondensedQp:
-        """Return the QP with this cost, bounded for the nominal states (N + 1, nx) and inputs (N, 4) of the model."""
+    def bounded(self, cost: Cost, x_nominal: Array, u_nominal: Array, before: Array) -> CondensedQp:
+        """Return the QP with this cost and its bounds.
+
+        Args:
+            cost: Of the nominal flight.
+            x_nominal: (N + 1, nx) nominal states of the whole model.
+            u_nominal: (N, 4) its nominal inputs.
+            before: (4,) the inputs of the period before.
+        """
         subsystem, nominal = self._subsystem, np.empty((2, 1, *self._shape))
         nominal[0, 0], nominal[1, 0] = x_nominal[1:, subsystem.velocity_columns], u_nominal[:, subsystem.input_columns]
-        return CondensedQp(*cost, *(self._bounds - nominal).reshape(4, -1))
+        bounds = (self._bounds - nominal).reshape(4, -1)
+        if self._changes is None:
+            return CondensedQp(*cost, *bounds)
+        v_low, v_high, *of_inputs = bounds
+        changes = np.diff(nominal[1, 0], axis=0, prepend=before[None, subsystem.input_columns])
+        v_low = np.append(v_low, (-self._travel - changes).ravel())
+        v_high = np.append(v_high, (self._travel - changes).ravel())
+        return CondensedQp(cost.H, cost.g, np.vstack([cost.C, self._changes]), v_low, v_high, *of_inputs)
 
 
 @np.errstate(all="ignore")

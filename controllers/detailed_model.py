@@ -14,20 +14,21 @@ upwards and in yaw:
 
 Gust and push are accelerations: the gust pulls through the rotor's drag and, with `hub_drag`, tilts the helicopter; the
 push acts at the centre of gravity. Without lags and with a fast attitude this is (1). With `servo_play`, the input u is
-that of the swashplate, which follows the sent one with play: see `controllers.servo_play`.
+that of the swashplate, which follows the sent one with play: see `controllers.servo_play`. The
+speed of the servos, `servo_slew`, is a bound on the changes of the planned inputs.
 
 Source: the paper's future work ("more detailed models"); attitude and lags as in `heli_twin/lab/plant/mujoco.py`.
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil, log2
+from math import ceil, inf, log2
 from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.model import Model
+from controllers.model import Input, Model
 from controllers.signals import Array, NamedState
 
 EXTRA_STATES = (
@@ -68,6 +69,9 @@ class DetailedModel(Model):
     servo_play: Annotated[
         float, Ge(0), Le(0.5), Unit("full stick"), doc("play between the cyclic servos and the swashplate, end to end")
     ] = 0.0
+    servo_slew: Annotated[
+        float, Gt(0), Le(1e4), Unit("full stick / s"), doc("greatest speed of the cyclic servos; 10000: no limit")
+    ] = 1e4
     gust_strength: Annotated[float, Ge(0), Le(10), Unit("m/s"), doc("standard deviation of the wind")] = 0.25
     gust_time: Annotated[float, Gt(0), Le(1000), Unit("s"), doc("time in which the wind changes")] = 0.7
 
@@ -77,6 +81,11 @@ class DetailedModel(Model):
         if isinstance(model, cls):
             return model
         return cls(**{name: getattr(model, name) for name in Model.__dataclass_fields__})
+
+    @property
+    def u_slew(self) -> Input:
+        """Greatest speeds of the inputs, full stick / s: those of the cyclic servos."""
+        return (self.servo_slew, self.servo_slew, inf, inf)
 
     @property
     def frequencies(self) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import cos, expm1, sin
+from math import cos, expm1, inf, sin
 from typing import Annotated
 
 from annotated_types import Ge, Gt, Le, Unit, doc
@@ -61,6 +61,11 @@ class Model:
     def v_max(self) -> tuple[float, float, float, float]:
         """Limits on the magnitudes of vx, vy, vz (m/s) and the yaw rate (rad/s)."""
         return (self.vx_max, self.vy_max, self.vz_max, self.yaw_rate_max)
+
+    @property
+    def u_slew(self) -> Input:
+        """Greatest speeds of the inputs, full stick / s: the paper's model has no limit."""
+        return (inf, inf, inf, inf)
 
     @property
     def u_hover(self) -> Input:

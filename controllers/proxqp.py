@@ -87,7 +87,8 @@ class ProxQp:
 
     def __init__(self, sample: CondensedQp, inputs: int, penalty: float = 1e3) -> None:
         self._sample, self._n, self._m, self._penalty = sample, len(sample.g), inputs, penalty
-        self._axis = np.tile(np.eye(inputs), (self._n // inputs, 1))
+        self._axis = np.zeros((len(sample.C), inputs))
+        self._axis[: self._n] = np.tile(np.eye(inputs), (self._n // inputs, 1))
         self._hard = Solver(sample, eps=1e-5, max_iter=9, max_iter_in=12)
 
     def __call__(self, qp: CondensedQp) -> Solution | None:
@@ -110,7 +111,7 @@ class ProxQp:
         return Solver(self._softened(self._sample), eps=1e-4, max_iter=20, max_iter_in=60)
 
     def _softened(self, qp: CondensedQp) -> CondensedQp:
-        """Add one slack s >= 0 per velocity axis: v_low - s <= C du <= v_high + s.
+        """Add one slack s >= 0 per velocity axis: v_low - s <= C du <= v_high + s. Rows of travel stay hard.
 
         One slack that shifts both bounds in one direction would halve the rows, but a turning helicopter that is too
         fast can exceed first one bound and then the opposite one within a horizon.

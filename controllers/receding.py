@@ -29,6 +29,11 @@ class RecedingSpec(Protocol):
         ...
 
     @property
+    def period(self) -> float:
+        """T_s, s."""
+        ...
+
+    @property
     def steps(self) -> int:
         """N, the number of inputs in the horizon."""
         ...
@@ -58,13 +63,17 @@ class RecedingHorizon(ABC):
     ) -> None:
         model = spec.model
         self._model, self._steps = model, spec.steps
-        self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max))
+        travel = np.array(model.u_slew) * spec.period
+        self._limits = Limits(np.array(model.u_min), np.array(model.u_max), np.array(model.v_max), travel)
+        self._slow = self._limits.slow
+        self.before = np.array(model.u_hover)
+        """(4,) the planned inputs of the period before."""
         self._problems = [
             _Problem(part, self._limits, weights, hover, place, plane if place == 0 else None)
             for place, part in enumerate(subsystems)
         ]
         # All of them at once: NumPy takes twice as long where it has to repeat a row.
-        low, high = np.array([self._limits.u_min, -self._limits.v_max]), np.array([*self._limits[1:]])
+        low, high = np.array([self._limits.u_min, -self._limits.v_max]), np.array([*self._limits[1:3]])
         self._low, self._high = (bound[:, None].repeat(spec.steps, axis=1) for bound in (low, high))
         self._free = np.empty((2, spec.steps, len(model.u_min)))
         """The inputs, and the velocities that they drive, of least cost."""
@@ -89,17 +98,22 @@ class RecedingHorizon(ABC):
         """
         self._planned = None
         if not all(map(isfinite, estimate.x.tolist())):
-            return safe_hover(self._model, now)
+            return self._level(now)
         ltv, costs = self.costs(estimate, reference)
         began = perf_counter_ns()
         solved = self._solved(ltv, costs)
         solve_ns = perf_counter_ns() - began
         self._unsolved = 0 if solved else self._unsolved + 1
         if self._unsolved > self._steps:
-            return safe_hover(self._model, now)._replace(solve_ns=solve_ns)
+            return self._level(now)._replace(solve_ns=solve_ns)
         u, report = solved or (ltv.u_nominal, QpReport("shifted_plan", 0, 0, 0.0, 0.0))
-        self._u_nominal, self._planned = shift(u), (ltv, u, report)
+        self._u_nominal, self._planned, self.before = shift(u), (ltv, u, report), u[0]
         return Command(now, u[0], solve_ns=solve_ns)
+
+    def _level(self, now: int) -> Command:
+        command = safe_hover(self._model, now)
+        self.before = command.u
+        return command
 
     def explain(self, command: Command) -> Command:
         """Add the states that the LTV model reaches under the planned inputs, and how the QPs were solved."""
@@ -125,7 +139,8 @@ class RecedingHorizon(ABC):
         reached = [cost.C @ du for cost, du in zip(costs, changes, strict=True)]
         np.add(ltv.x_nominal[1:, 4:8], self._side_by_side(reached), out=speeds)
         # To count takes half the time of `all`; NaN is not within.
-        if np.count_nonzero(free >= self._low) == np.count_nonzero(free <= self._high) == free.size:
+        kept = np.count_nonzero(free >= self._low) == np.count_nonzero(free <= self._high) == free.size
+        if kept and (not self._slow or self._limits.keep_travel(u, self.before)):
             objective = 0.5 * sum(float(cost.g @ du) for cost, du in zip(costs, changes, strict=True))
             return u.copy(), QpReport("solved", 0, 0, objective, 0.0)
         qps = zip(self._problems, self._bounded(ltv, costs), strict=True)
@@ -143,7 +158,10 @@ class RecedingHorizon(ABC):
     def _bounded(self, ltv: Ltv, costs: Sequence[Cost]) -> list[CondensedQp]:
         """Return one QP for each subsystem: its cost, and the bounds about the nominal flight."""
         x, u = ltv.x_nominal, ltv.u_nominal
-        return [problem.condenser.bounded(cost, x, u) for problem, cost in zip(self._problems, costs, strict=True)]
+        before = self.before
+        return [
+            problem.condenser.bounded(cost, x, u, before) for problem, cost in zip(self._problems, costs, strict=True)
+        ]
 
     def linearise_along(self, u_nominal: Array) -> None:
         """Use these nominal inputs (N, 4), for example of a log, in the next step instead of the shifted last plan."""

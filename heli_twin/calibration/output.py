@@ -220,6 +220,7 @@ def _details(p: dict[str, float], noises: dict[str, float]) -> dict[str, float]:
         # By tilting: the moment of the drag at the hubs against the moment that holds the attitude.
         "hub_drag": max(GRAVITY * p["hub_drag_per_iyy"] / frequency**2, 0.0),
         "servo_play": min(max(p["servo_backlash"], 0.0), 0.5),
+        "servo_slew": min(1.0 / max(p["servo_slowness"], LEAST_SLOWNESS), 1e4),
         "gust_strength": noises["gust_strength"],
         "gust_time": noises["gust_time"],
     }

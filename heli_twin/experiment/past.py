@@ -70,6 +70,7 @@ PAST: dict[str, Past] = {
     "controllers.laws.ltv_mpc.LtvMpc.integral_zone": Past(5, 1e9),
     "controllers.laws.pid.Pid.derivative": Past(5, "velocity"),
     "controllers.detailed_model.DetailedModel.servo_play": Past(6, 0.0),
+    "controllers.detailed_model.DetailedModel.servo_slew": Past(7, 1e4),
     "controllers.trajectories.circle.Circle.x": Past(7, 0.0),
     "controllers.trajectories.circle.Circle.y": Past(7, 0.0),
     "controllers.trajectories.circle.Circle.phase": Past(7, 0.0),

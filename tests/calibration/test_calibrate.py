@@ -140,6 +140,7 @@ def test_a_detailed_law_believes_in_the_play_and_the_hubs_drag():
     details = _details(believed, dict.fromkeys(COMPONENTS, 0.1))
     model = DetailedModel(**details)
     assert model.servo_play == believed["servo_backlash"] == 0.03
+    assert model.servo_slew == pytest.approx(1.0 / believed["servo_slowness"]) == 2.5
     assert model.hub_drag == pytest.approx(GRAVITY * believed["hub_drag_per_iyy"] / believed["attitude_frequency"] ** 2)
 
 

@@ -12,7 +12,7 @@ from controllers.planar import Planar
 
 PERIOD, K_I = 0.02, 2.0
 MODEL = Model()
-LIMITS = Limits(np.array(MODEL.u_min), np.array(MODEL.u_max), np.array(MODEL.v_max))
+LIMITS = Limits(np.array(MODEL.u_min), np.array(MODEL.u_max), np.array(MODEL.v_max), np.array(MODEL.u_slew))
 seeds = st.integers(0, 2**32 - 1)
 horizons = st.integers(1, 12)
 
@@ -150,6 +150,24 @@ def test_its_rows_are_the_predicted_velocities_within_their_limits(seed, steps):
     # Rounding of inputs up to 1.
     np.testing.assert_allclose(du - qp.u_low, (u - LIMITS.u_min).ravel(), rtol=0, atol=1e-15)
     np.testing.assert_allclose(du - qp.u_high, (u - LIMITS.u_max).ravel(), rtol=0, atol=1e-15)
+
+
+@given(seeds, horizons)
+@settings(max_examples=50)
+def test_servos_of_limited_speed_add_rows_for_the_changes_of_the_inputs(seed, steps):
+    problem, rng = Problem(seed, steps), np.random.default_rng(seed)
+    travel, (before, *u) = np.array([0.05, 0.1, np.inf, 0.2]), rng.uniform(LIMITS.u_min, LIMITS.u_max, (steps + 1, 4))
+    condenser, nominal = problem.condenser(LIMITS._replace(travel=travel)), problem.ltv.u_nominal
+    free, (AB,) = problem.condensed(), problem.ltv.parts
+    cost = condenser.cost(AB, problem.ltv.x_nominal, problem.off)
+    qp = condenser.bounded(cost, problem.ltv.x_nominal, nominal, before)
+    np.testing.assert_array_equal(qp.C[: 4 * steps], free.C)
+    np.testing.assert_array_equal(qp.v_low[: 4 * steps], free.v_low)
+    # Row by row: the change since the period before, minus what is allowed.
+    rows, du = slice(4 * steps, None), (np.array(u) - nominal).ravel()
+    changes = np.array(u) - [before, *u[:-1]]
+    np.testing.assert_allclose(qp.C[rows] @ du - qp.v_high[rows], (changes - travel).ravel(), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(qp.C[rows] @ du - qp.v_low[rows], (changes + travel).ravel(), rtol=0, atol=1e-14)
 
 
 def test_a_measured_state_that_noise_has_put_over_its_limit_leaves_a_solution():

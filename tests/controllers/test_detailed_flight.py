@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import daqp
 import numpy as np
 import pytest
 
@@ -100,6 +101,67 @@ def test_the_whole_situation_turned_needs_the_same_sticks(yaw):
         return law.start().step(0, estimate, Reference(0, planned, np.zeros((law.steps, 4)), flat)).u
 
     np.testing.assert_allclose(sticks(yaw), sticks(0.0), atol=1e-6)
+
+
+def kept(x, before: Array, law: DetailedMpc) -> Array:
+    """The inputs that a law in hover plans from a state x (8,) after it has sent `before`, and DAQP's."""
+    estimate = Estimate(0, np.asarray(x, float), np.zeros(4), np.zeros((4, 3)), 0, 0, np.zeros(12))
+    flat = np.zeros((6, law.steps + 1, 4))
+    flat[0, :, 2] = 1.0
+    reference = Reference(0, np.tile([0, 0, 1.0, 0, 0, 0, 0, 0], (law.steps + 1, 1)), np.zeros((law.steps, 4)), flat)
+    controller = law.start()
+    controller.linearise_along(np.tile(before, (law.steps, 1)))
+    controller.before = before
+    ltv, qps = controller.problem(estimate, reference)
+    plan = controller.explain(controller.step(0, estimate, reference)).plan
+    assert plan is not None
+    found = ltv.u_nominal.copy()
+    for part, qp in zip((slice(0, 2), slice(2, 4)), qps, strict=True):
+        upper, lower = np.append(qp.u_high, qp.v_high), np.append(qp.u_low, qp.v_low)
+        du, _, flag, _ = daqp.solve(qp.H, qp.g, qp.C, upper, lower, np.zeros(len(upper), np.int32))
+        assert flag == 1
+        found[:, part] += du.reshape(law.steps, 2)
+    return np.array([plan.u, found])
+
+
+@pytest.mark.parametrize("x", [[0.3, -0.2, 1.0, 0.5, 0, 0, 0, 0], [0, 0.05, 1.0, 0, -0.4, 0.3, 0, 0]])
+def test_no_servo_is_asked_to_move_faster_than_it_can(x):
+    slow, before = DetailedMpc(model=DetailedModel(servo_slew=2.5)), np.array([0.2, -0.9, 0.55, 0.0])
+    plan, judged = kept(x, before, slow)
+    travel = np.abs(np.diff(plan, axis=0, prepend=before[None]))[:, :2]
+    # To the solver's tolerance. 2.5 full sticks a second are 0.05 in a period.
+    assert 0.05 - 1e-4 < travel[0].max() < 0.05 + 1e-4
+    assert travel.max() < 0.05 + 1e-4
+    np.testing.assert_allclose(plan, judged, rtol=0, atol=1e-3)
+    free, _ = kept(x, before, DetailedMpc())
+    assert np.abs(free[0] - before).max() > 0.2
+
+
+def test_no_servo_is_asked_to_even_where_a_speed_limit_cannot_be_kept():
+    slow, before = DetailedMpc(model=DetailedModel(servo_slew=2.5)), np.array([0.0, 0.0, 0.55, 0.0])
+    estimate = Estimate(0, np.array([0, 0, 1.0, 0, 4.0, 0, 0, 0]), np.zeros(4), np.zeros((4, 3)), 0, 0, np.zeros(12))
+    flat = np.zeros((6, slow.steps + 1, 4))
+    controller = slow.start()
+    command = controller.explain(
+        controller.step(0, estimate, Reference(0, flat[0] @ np.zeros((4, 8)), flat[0, :-1], flat))
+    )
+    assert command.qp is not None
+    assert command.plan is not None
+    assert command.qp.status == "softened"
+    assert np.abs(np.diff(command.plan.u, axis=0, prepend=before[None]))[:, :2].max() < 0.05 + 1e-4
+
+
+def test_a_quick_start_ends_where_it_should_and_not_in_a_limit_cycle(tmp_path):
+    step = ["trajectory=waypoints", "trajectory.points=[[0,0,1,0],[0.06,0.15,1,0]]", "trajectory.times=[0,0.96]"]
+
+    def swing(*overrides: str) -> float:
+        _, log = flown(tmp_path, load("detailed", [*step, "duration=5", *overrides]))
+        late = log.truth.seconds > 3.0
+        return float(np.abs(log.truth.position - log.reference.position)[late].max())
+
+    assert swing() < 0.03
+    # Full stick to and fro, which the servos are too slow for: the law has to know.
+    assert swing("controller.model.servo_slew=10000") > 0.15
 
 
 @dataclass(frozen=True)
