@@ -27,7 +27,7 @@ class Cost(NamedTuple):
 
 
 class CondensedQp(NamedTuple):
-    """A dense QP in the N m stacked changes du of the inputs, with r rows: Nm of velocities, and Nm of travel or none."""
+    """A dense QP in the N m stacked changes du of the inputs, with r rows: velocities, and travel where bounded."""
 
     H: Array
     """(Nm, Nm) Hessian of the cost."""

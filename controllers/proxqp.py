@@ -89,7 +89,9 @@ class ProxQp:
         self._sample, self._n, self._m, self._penalty = sample, len(sample.g), inputs, penalty
         self._axis = np.zeros((len(sample.C), inputs))
         self._axis[: self._n] = np.tile(np.eye(inputs), (self._n // inputs, 1))
-        self._hard = Solver(sample, eps=1e-5, max_iter=9, max_iter_in=12)
+        # Slow servos are at their speed in most periods: many bounds are active.
+        most = (30, 40) if len(sample.C) > self._n else (9, 12)
+        self._hard = Solver(sample, eps=1e-5, max_iter=most[0], max_iter_in=most[1])
 
     def __call__(self, qp: CondensedQp) -> Solution | None:
         """Solve, or return None if neither attempt converged."""
