@@ -23,7 +23,7 @@ CAMERAS: tuple[CameraKind, ...] = ("follow", "room", "top")
 DEFAULT_SIZE, GIF_SIZE = (854, 480), (640, 360)
 """Pixels; a software renderer draws 30 s of the first in less than a minute of two cores."""
 LEAST_PX, MOST_PX = (320, 180), (3840, 2160)
-TOPICS = ("/truth", "/mocap/pose", "/reference", "/mpc/plan", "/view/reference_path")
+TOPICS = ("/truth", "/mocap/pose", "/reference", "/mpc/plan", "/view/reference_path", "/path")
 CountProgress = Callable[[int, int], None]
 """Called with the numbers of finished and of all frames."""
 

@@ -97,26 +97,27 @@ def pose(flight: Shown, t: float) -> Pose:
 def drawing(flight: Shown, t: float, here: Array) -> tuple[list[Line], list[Ball]]:
     """Plumb line, reference path, trail and plan as lines, and the reference as a ball."""
     # Down to the floor, so that the eye has the height.
-    lines, balls = [Line(np.array([here, [here[0], here[1], 0.0]]), _rgba(PLUMB_COLOR), 1.0)], []
+    lines, balls = [Line(np.array([here, [here[0], here[1], 0.0]]), rgba(PLUMB_COLOR), 1.0)], []
     if len(flight.path) > 1:
-        lines.append(Line(flight.path, _rgba(REFERENCE_COLOR), 1.5))
+        lines.append(Line(flight.path, rgba(REFERENCE_COLOR), 1.5))
     time, state = flight.moved.time, flight.moved.state
     first, last = np.searchsorted(time, [t - TRAIL_S, t])
     trail = state[first:last, :3]
     step = max(1, len(trail) // MOST_TRAIL_POINTS)
-    lines.append(Line(np.vstack([trail[::step], here]), _rgba(flight.color), 3.0))
+    lines.append(Line(np.vstack([trail[::step], here]), rgba(flight.color), 3.0))
     plan = flight.log.plan
     latest = int(np.searchsorted(plan.time, 1e9 * t + 1, side="right")) - 1
     if latest >= 0 and t <= flight.end:
-        lines.append(Line(plan.x[latest, :, :3].astype(float), _rgba(PLAN_COLOR), 3.0))
+        lines.append(Line(plan.x[latest, :, :3].astype(float), rgba(PLAN_COLOR), 3.0))
     reference = flight.log.reference
     if len(reference.time):
         at = [np.interp(t, 1e-9 * reference.stamp, reference.x[:, i]) for i in range(3)]
-        balls.append(Ball(np.array(at), _rgba(REFERENCE_COLOR)))
+        balls.append(Ball(np.array(at), rgba(REFERENCE_COLOR)))
     return lines, balls
 
 
-def _rgba(name: str) -> tuple[float, float, float, float]:
+def rgba(name: str) -> tuple[float, float, float, float]:
+    """Return a colour such as #1a1a1a as four numbers from 0 to 1."""
     r, g, b = (int(name[i : i + 2], 16) / 255 for i in (1, 3, 5))
     return (r, g, b, 1.0)
 

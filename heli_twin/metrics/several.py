@@ -4,6 +4,7 @@ Distances are between the centres of gravity. Between two samples both move in a
 gives the least distance between the samples too.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -26,6 +27,11 @@ STANDING_M_S = 0.02
 """A plan that moves slower than this stands."""
 PLAN_GRID_S = 0.02
 """Step at which plans are compared."""
+
+
+USUAL_DISTANCE_M = 0.3
+"""Width of the cylinders where the coordination keeps no distance of its own."""
+CYLINDER_HEIGHT_M = 0.3
 
 
 class Nearest(NamedTuple):
@@ -236,3 +242,12 @@ def least_over_time(paths: Mapping[str, tuple[Array, Array]], axes: int = 2) -> 
     }
     apart = [np.linalg.norm(at[a] - at[b], axis=1) for a, b in combinations(at, 2)]
     return time, np.min(apart, axis=0) if apart else np.full(len(time), np.inf)
+
+
+def promised_distance(log: Log) -> float:
+    """Return the distance that the coordination of a log keeps between plans, m; `USUAL_DISTANCE_M` if it has none."""
+    try:
+        distance = json.loads(log.experiment)["coordination"]["distance"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return USUAL_DISTANCE_M
+    return float(distance) if isinstance(distance, int | float) and 0.0 < distance < 10.0 else USUAL_DISTANCE_M

@@ -1,6 +1,5 @@
 """Several helicopters in one scene: each with its plans and its safety cylinder, and how near they come."""
 
-import json
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
@@ -11,7 +10,7 @@ import rerun.blueprint as rrb
 from controllers.signals import Array
 from heli_twin.experiment import Experiment
 from heli_twin.metrics.contact import RADIUS_M
-from heli_twin.metrics.several import flown_paths, least_over_time, planned_paths
+from heli_twin.metrics.several import CYLINDER_HEIGHT_M, flown_paths, least_over_time, planned_paths, promised_distance
 from heli_twin.recording.log import Log
 from heli_twin.reporting.figure import color
 from heli_twin.viewing.blueprint import Scales, Tab, blueprint, in_tabs, plot, scene
@@ -32,9 +31,6 @@ from heli_twin.viewing.style import (
     send_static,
 )
 
-USUAL_DISTANCE_M = 0.3
-"""Width of the cylinders where the coordination keeps no distance of its own."""
-CYLINDER_HEIGHT_M = 0.3
 PLAN_POINTS = 40
 BLACK = "#000000"
 TURN_COLOURS = {"committed": BELIEVED, "kept": YAW, "refused": LIMIT}
@@ -81,15 +77,6 @@ def show_ships(log: Log, ships: Mapping[str, tuple[Experiment, Scales]], where: 
         _send_distances(stream, seen, promised)
 
     deliver(where, _layout(seen, path, tab), fill)
-
-
-def promised_distance(log: Log) -> float:
-    """Return the distance that the coordination of a log keeps between plans, m; `USUAL_DISTANCE_M` if it has none."""
-    try:
-        distance = json.loads(log.experiment)["coordination"]["distance"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return USUAL_DISTANCE_M
-    return float(distance) if isinstance(distance, int | float) and 0.0 < distance < 10.0 else USUAL_DISTANCE_M
 
 
 def _look(name: str, number: int) -> Look:
@@ -165,7 +152,7 @@ def _layout(seen: list[Seen], path: Array | None, tab: str) -> rrb.Blueprint:
         columns=rrb.TextLogColumns(text_log_columns=["EntityPath", "LogLevel", "Body"]),
     )
     left = rrb.Vertical(
-        scene(f"{len(seen)} helicopters; cylinders that touch are as near as plans may be", path, names),
+        scene(f"{len(seen)} helicopters; cylinders that touch are as near as plans may be", path, names, distance=0.75),
         events,
         row_shares=[4, 1],
     )

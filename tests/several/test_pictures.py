@@ -4,17 +4,21 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from controllers.coordinations import CommittedPlan
 from heli_twin import HeliTwinError
 from heli_twin.cli import main
 from heli_twin.experiment.several_text import load_several
-from heli_twin.films.ships import room_of, shown_ships
+from heli_twin.films.film import TOPICS
+from heli_twin.films.ships import cylinder, planned_ahead, room_of, shown_ships
 from heli_twin.lab.plant.renderer import Camera, Pose, Renderer
 from heli_twin.plots import plot
 from heli_twin.recording import Log, read_log
+from heli_twin.recording.log import Committed
 from heli_twin.several.fly import fly_several
 from heli_twin.viewing.delivery import Destination
 from heli_twin.viewing.show import ShownShips, flights
@@ -73,6 +77,21 @@ def test_a_film_tells_the_least_distance(log: Log):
     time, least = room_of(log, ships).distance(0.0, 0.1)
     assert time[0] == 0.0
     assert least[0] == pytest.approx(0.5 * 2**0.5, abs=0.01)
+
+
+def test_a_film_has_the_plans_ahead_and_cylinders_as_wide_as_plans_are_apart(log: Log):
+    rims = cylinder(0.4)
+    assert np.linalg.norm(rims[..., :2], axis=2) == pytest.approx(0.2)
+    assert np.ptp(rims[..., 2]) == pytest.approx(0.3)
+    plan = CommittedPlan(2 * 10**8, 2 * 10**8, np.array([[[x, 0.0, 1.0, 0.0]] + [[0.0] * 4] * 2 for x in (0.0, 1.0)]))
+    ship = shown_ships(log)[0]
+    committed = [Committed(0, None), Committed(2 * 10**8, plan)]
+    ship = ship._replace(log=SimpleNamespace(committed=committed))  # pyright: ignore[reportArgumentType]
+    assert planned_ahead(ship, 0.1) == []
+    (ahead,) = planned_ahead(ship, 0.3)
+    assert ahead[0] == pytest.approx([0.5, 0.0, 1.0])
+    assert ahead[-1] == pytest.approx([1.0, 0.0, 1.0])
+    assert "/path" in TOPICS
 
 
 def test_others_are_drawn_beside_the_first():

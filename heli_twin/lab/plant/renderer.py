@@ -22,7 +22,7 @@ from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, rotated_to_world
 
 SAMPLES = 4
 """Of each pixel, against stairs at edges; a software renderer takes twice as long as for one sample."""
-MOST_GEOMS = 4000
+MOST_GEOMS = 20_000
 ROTORS = {"rotor_lower": 1.0, "rotor_upper": -1.0}
 """Bodies that turn, and their direction."""
 SQUARE_M = 0.25
