@@ -133,27 +133,25 @@ class RecedingHorizon(ABC):
         The cost is strictly convex: where its minimiser without bounds keeps them all, it is the answer. Elsewhere
         ProxQP is asked, which softens the velocity bounds if it has to.
         """
-        changes = [problem.condenser.minimiser(cost) for problem, cost in zip(self._problems, costs, strict=True)]
-        free, (u, speeds) = self._free, self._free
-        np.add(ltv.u_nominal, self._side_by_side(changes), out=u)
-        reached = [cost.C @ du for cost, du in zip(costs, changes, strict=True)]
-        np.add(ltv.x_nominal[1:, 4:8], self._side_by_side(reached), out=speeds)
+        free, (u, speeds), objective = self._free, self._free, 0.0
+        for problem, cost in zip(self._problems, costs, strict=True):
+            du, part = problem.condenser.minimiser(cost), problem.subsystem
+            u_nominal, v_nominal = ltv.u_nominal[:, part.input_columns], ltv.x_nominal[1:, part.velocity_columns]
+            np.add(u_nominal, du.reshape(u_nominal.shape), out=u[:, part.input_columns])
+            np.add(v_nominal, (cost.C @ du).reshape(u_nominal.shape), out=speeds[:, part.input_columns])
+            objective += 0.5 * float(cost.g @ du)
         # To count takes half the time of `all`; NaN is not within.
         kept = np.count_nonzero(free >= self._low) == np.count_nonzero(free <= self._high) == free.size
         if kept and (not self._slow or self._limits.keep_travel(u, self.before)):
-            objective = 0.5 * sum(float(cost.g @ du) for cost, du in zip(costs, changes, strict=True))
             return u.copy(), QpReport("solved", 0, 0, objective, 0.0)
         qps = zip(self._problems, self._bounded(ltv, costs), strict=True)
         solutions = [solution for problem, qp in qps if (solution := problem.solver(qp))]
         if len(solutions) < len(costs):
             return None
         # ProxQP keeps bounds to its tolerance only; the radio would clip the excess anyway.
-        found = ltv.u_nominal + self._side_by_side([solution.du for solution in solutions])
+        parts = [solution.du.reshape(self._steps, -1) for solution in solutions]
+        found = ltv.u_nominal + np.concatenate(parts, axis=1)
         return np.clip(found, self._low[0], self._high[0]), _report(solutions)
-
-    def _side_by_side(self, parts: Sequence[Array]) -> Array:
-        """Return what belongs to the inputs of each subsystem (Nm,) as one row (4,) a period."""
-        return np.concatenate([part.reshape(self._steps, -1) for part in parts], axis=1)
 
     def _bounded(self, ltv: Ltv, costs: Sequence[Cost]) -> list[CondensedQp]:
         """Return one QP for each subsystem: its cost, and the bounds about the nominal flight."""
