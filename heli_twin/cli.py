@@ -111,6 +111,8 @@ def _become_the_program() -> list[int]:
     gc.set_threshold(100_000, 20, 20)
     # MuJoCo would look for a window library, which takes as long as all the rest of it; nothing here draws with it.
     os.environ.setdefault("MUJOCO_GL", "disable")
+    # NumPy's threads would wait for their first work at full speed, for 30 ms of every command.
+    os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
     handler = logging.StreamHandler()
     handler.setFormatter(_OneLine())
     logging.basicConfig(handlers=[handler])

@@ -14,21 +14,21 @@ import inspect
 import re
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 from controllers.markers import EachOf, OneOf
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.help_text import explained
 
-__all__ = ["GROUPS", "EachOf", "FamilyError", "Member", "OneOf", "all_members", "members", "own_member"]
+__all__ = ["GROUPS", "EachOf", "Family", "FamilyError", "Member", "OneOf", "all_members", "members", "own_member"]
 
 HELI_TWIN = "heli_twin"
 """The origin of our own members."""
@@ -47,6 +47,8 @@ GROUPS = {
     DESIGNS: "heli_twin.designs",
 }
 """The group of entry points of each family that is open to other packages."""
+_KIND = re.compile(r'^    kind: Literal\["(\w+)"\] = "\1"$', re.MULTILINE)
+"""The first field of a member of ours."""
 _FILE = re.compile(r"(?P<file>.+\.py)(:(?P<name>[A-Za-z_]\w*))?")
 _IMPORT = re.compile(r"(?P<module>[A-Za-z_][\w.]*):(?P<name>[A-Za-z_]\w*)")
 
@@ -79,38 +81,89 @@ _named: dict[str, dict[str, Member]] = {}
 """Of each family: the members that were named by a file or an import path, in this process."""
 
 
-def members(package: str) -> dict[str, type]:
+T = TypeVar("T")
+
+
+class Family(Mapping[str, T]):
+    """Members by their kind, in alphabetical order; one is loaded when it is asked for.
+
+    Args:
+        loaders: Return the member of each kind.
+    """
+
+    def __init__(self, loaders: Mapping[str, Callable[[], T]]) -> None:
+        self._loaders = dict(sorted(loaders.items()))
+
+    def __getitem__(self, kind: str) -> T:
+        return self._loaders[kind]()
+
+    def __contains__(self, kind: object) -> bool:
+        return kind in self._loaders
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._loaders)
+
+    def __len__(self) -> int:
+        return len(self._loaders)
+
+
+def members(package: str) -> Family[type]:
     """The specs of a family by their `kind`, in alphabetical order."""
-    return {kind: member.spec for kind, member in all_members(package).items()}
+    family = all_members(package)
+    return Family({kind: partial(_spec, family, kind) for kind in family})
 
 
-def all_members(package: str) -> dict[str, Member]:
+def all_members(package: str) -> Family[Member]:
     """The members of a family by their `kind`, in alphabetical order.
 
     Raises:
         FamilyError: Two members have one kind, or an installed package is broken.
     """
-    family = dict(_ours(package))
-    for other in (_installed(package), _named.get(package, {})):
-        for kind, member in other.items():
-            _add(family, kind, member)
-    return dict(sorted(family.items()))
+    loaders = dict(_ours(package))
+    for others in (_installed(package), _named.get(package, {})):
+        for kind, member in others.items():
+            if kind in loaders:
+                _require_same(kind, loaders[kind](), member)
+            loaders[kind] = partial(_itself, member)
+    return Family(loaders)
 
 
-def _add(family: dict[str, Member], kind: str, member: Member) -> None:
-    if kind in family and family[kind].spec is not member.spec:
+def _spec(family: Family[Member], kind: str) -> type:
+    return family[kind].spec
+
+
+def _itself(member: Member) -> Member:
+    return member
+
+
+def _require_same(kind: str, one: Member, other: Member) -> None:
+    if one.spec is not other.spec:
         raise FamilyError(
-            f"two members have the kind '{kind}': that of {family[kind].origin} and that of {member.origin}; rename one"
+            f"two members have the kind '{kind}': that of {one.origin} and that of {other.origin}; rename one"
         )
-    family[kind] = member
 
 
 @cache
-def _ours(package: str) -> dict[str, Member]:
+def _ours(package: str) -> dict[str, Callable[[], Member]]:
+    """Our own members; the text of a file tells their kinds, so that a flight loads those alone that it needs."""
     home = import_module(package)
-    rooms = iter_modules(getattr(home, "__path__", []))
-    modules: list[ModuleType] = [home, *(import_module(f"{package}.{room.name}") for room in rooms)]
-    return {_kind(spec): Member(explained(spec), HELI_TWIN) for module in modules for spec in _specs_in(module)}
+    loaders = {_kind(spec): partial(_loaded, package, _kind(spec)) for spec in _specs_in(home)}
+    for room in iter_modules(getattr(home, "__path__", [])):
+        module = f"{package}.{room.name}"
+        file = Path(getattr(room.module_finder, "path", "")) / f"{room.name}.py"
+        if file.is_file():
+            kinds = _KIND.findall(file.read_text("utf-8"))
+        else:
+            # A package, or a module without its source.
+            kinds = [_kind(spec) for spec in _specs_in(import_module(module))]
+        loaders |= {kind: partial(_loaded, module, kind) for kind in kinds}
+    return loaders
+
+
+@cache
+def _loaded(module: str, kind: str) -> Member:
+    spec = next(spec for spec in _specs_in(import_module(module)) if _kind(spec) == kind)
+    return Member(explained(spec), HELI_TWIN)
 
 
 @cache
@@ -130,7 +183,8 @@ def _installed(package: str) -> dict[str, Member]:
             raise FamilyError(f"{origin} is broken: {point.value} raised {type(error).__name__}: {error}") from error
         if not _is_member(spec):
             raise FamilyError(f"{origin} is broken: {point.value} is no dataclass with a kind")
-        _add(family, _kind(spec), Member(spec, origin))
+        kind, member = _kind(spec), Member(spec, origin)
+        _require_same(kind, family.setdefault(kind, member), member)
     return family
 
 
@@ -158,8 +212,9 @@ def own_member(package: str, reference: str) -> str:
     # A file that has changed since it was named holds another class.
     named = _named.setdefault(package, {})
     named.pop(kind, None)
-    _add(all_members(package), kind, Member(spec, reference))
-    named[kind] = Member(spec, reference)
+    member = Member(spec, reference)
+    _require_same(kind, all_members(package).get(kind, member), member)
+    named[kind] = member
     return kind
 
 

@@ -30,8 +30,9 @@ def own_class(value: Any, info: FieldInfo) -> str:
     """
     if info.family is None:
         return "" if type(value) is info.type else mark_of(type(value))
-    known = all_members(info.family.package).values()
-    return "" if any(m.spec is type(value) and m.origin == HELI_TWIN for m in known) else mark_of(type(value))
+    kind = getattr(value, "kind", None)
+    known = all_members(info.family.package).get(kind) if isinstance(kind, str) else None
+    return "" if known and known.spec is type(value) and known.origin == HELI_TWIN else mark_of(type(value))
 
 
 def mark_of(spec: type) -> str:

@@ -477,7 +477,7 @@ def _read_value(value: Any, info: FieldInfo, path: str) -> Any:
     return [value] if isinstance(value, str) and info.type == tuple[str, ...] else value
 
 
-def _kind_by_content(kinds: dict[str, type], now: str, rest: list[str], value: Any) -> str | None:
+def _kind_by_content(kinds: Mapping[str, type], now: str, rest: list[str], value: Any) -> str | None:
     """Return the kind with a field for such a content, if that of now has none: the content selects the member."""
     if not _is_content(value) or len(rest) != 1:
         return None

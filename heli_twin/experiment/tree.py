@@ -6,7 +6,7 @@ name is the kind.
 
 import json
 import reprlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, get_args
 
@@ -138,7 +138,7 @@ def _each(package: str, name: str, table: Any, path: str) -> Any:
     return member if name == kind else Named(name, member)
 
 
-def kind_under(name: str, kind: Any, kinds: dict[str, type], path: str) -> str:
+def kind_under(name: str, kind: Any, kinds: Mapping[str, type], path: str) -> str:
     """Return the kind of a disturbance or fault, after a check that it may have its name.
 
     Args:
@@ -166,7 +166,7 @@ def kind_under(name: str, kind: Any, kinds: dict[str, type], path: str) -> str:
     return kind
 
 
-def _known(kind: Any, kinds: dict[str, type], family: str) -> str:
+def _known(kind: Any, kinds: Mapping[str, type], family: str) -> str:
     if not isinstance(kind, str) or kind not in kinds:
         raise ExperimentError(f"unknown {clean(family, 80)} {instead(kind, kinds)}")
     return kind

@@ -3,11 +3,15 @@
 import socket
 from io import BytesIO
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from heli_twin.experiment.families import GROUPS, all_members
 from heli_twin.studies.flight_code import code_hash, code_parts, file_hash
 from heli_twin.workers.engine import Trouble, Work
 from heli_twin.workers.task import Flown, Task
+
+if TYPE_CHECKING:
+    from heli_twin.requirements import Requirement
 
 DECODED_TOPICS = ("/truth", "/reference", "/command/sent", "/mpc/qp", "/timing")
 """The topics from which the columns of a row are computed; other topics are not decoded."""
@@ -16,7 +20,9 @@ OTHER_CODE = "other code"
 """The outcome of a run that a worker refuses, since its code is not the driver's."""
 
 file_hash()
-"""Kept by this process from its start on, when the modules that are hashed are loaded too."""
+for family in GROUPS:
+    # Both are kept by this process from its start on: what is hashed is what flies.
+    dict(all_members(family))
 
 
 def fly_with_code(work: Work, files: str, code: str, task: Task) -> Flown | Trouble:
@@ -42,7 +48,6 @@ def fly_task(task: Task) -> Flown | Trouble:
     from heli_twin.experiment.tree import ExperimentError, from_json
     from heli_twin.mission import ProgramMissing, fly
     from heli_twin.recording import read_log
-    from heli_twin.requirements import requirements_of
     from heli_twin.studies.columns import COMPLETED, INVALID, SCORED, columns, columns_of_several
 
     began = perf_counter()
@@ -50,7 +55,7 @@ def fly_task(task: Task) -> Flown | Trouble:
     try:
         load_own_sources(task.own)
         receive(task.programs)
-        requirements = requirements_of(task.requirements) if task.requirements else ()
+        requirements = _requirements(task)
         if is_several_json(task.experiment):
             from heli_twin.several.fly import fly_several
 
@@ -77,3 +82,12 @@ def fly_task(task: Task) -> Flown | Trouble:
     keep = task.keep_log or (failed and task.keep_failed) or high
     row["wall_time"] = perf_counter() - began
     return Flown(row, result.data if keep else None)
+
+
+def _requirements(task: Task) -> "tuple[Requirement, ...]":
+    if not task.requirements:
+        return ()
+    # A heavy import, for these tasks alone.
+    from heli_twin.requirements import requirements_of
+
+    return requirements_of(task.requirements)
