@@ -1,14 +1,16 @@
 """One flight: the experiment becomes a helicopter, a lab and a ground station, and time runs. Read this first."""
 
+import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from math import cos, isfinite, radians
 from operator import itemgetter
 from time import perf_counter_ns
 from typing import NamedTuple
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from controllers.errors import LawFailed
 from controllers.fallback import safe_hover
@@ -51,8 +53,14 @@ def reproducible() -> Generator[None]:
     More threads add numbers in another order. Overflow gives non-finite numbers: the ground station then sends a safe
     hover, and a helicopter whose state is non-finite has diverged.
     """
-    with threadpool_limits(limits=1), np.errstate(all="ignore"):
+    with _libraries(len(sys.modules)).limit(limits=1), np.errstate(all="ignore"):
         yield
+
+
+@lru_cache(1)
+def _libraries(modules: int) -> ThreadpoolController:
+    """The numerical libraries that are loaded; looked for again when another module is."""
+    return ThreadpoolController()
 
 
 class Flight:

@@ -291,7 +291,8 @@ def _begin_log(
     listeners: Sequence[Listener],
 ) -> Recorder:
     """Begin a log with a name of time, kinds and seed that no other process uses at the same time."""
-    kinds = [tree_of(experiment)[part]["kind"] for part in ("plant", "trajectory", "controller")]
+    tree = tree_of(experiment)
+    kinds = [tree[part]["kind"] for part in ("plant", "trajectory", "controller")]
     stem = "-".join([datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), *kinds, f"seed{experiment.seed}"])
     while True:
         path = None if folder is None else free_path(Path(folder) / f"{stem}.mcap")

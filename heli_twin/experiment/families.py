@@ -19,6 +19,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import entry_points
+from itertools import chain
 from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
@@ -110,7 +111,11 @@ class Family(Mapping[str, T]):
 def members(package: str) -> Family[type]:
     """The specs of a family by their `kind`, in alphabetical order."""
     family = all_members(package)
-    return Family({kind: partial(_spec, family, kind) for kind in family})
+
+    def spec(kind: str) -> type:
+        return family[kind].spec
+
+    return Family({kind: partial(spec, kind) for kind in family})
 
 
 def all_members(package: str) -> Family[Member]:
@@ -119,17 +124,22 @@ def all_members(package: str) -> Family[Member]:
     Raises:
         FamilyError: Two members have one kind, or an installed package is broken.
     """
-    loaders = dict(_ours(package))
-    for others in (_installed(package), _named.get(package, {})):
-        for kind, member in others.items():
-            if kind in loaders:
-                _require_same(kind, loaders[kind](), member)
-            loaders[kind] = partial(_itself, member)
+    named = _named.get(package)
+    return _family(_ours(package), _installed(package), named) if named else _not_named(package)
+
+
+@cache
+def _not_named(package: str) -> Family[Member]:
+    return _family(_ours(package), _installed(package))
+
+
+def _family(ours: Mapping[str, Callable[[], Member]], *others: Mapping[str, Member]) -> Family[Member]:
+    loaders = dict(ours)
+    for kind, member in chain.from_iterable(other.items() for other in others):
+        if kind in loaders:
+            _require_same(kind, loaders[kind](), member)
+        loaders[kind] = partial(_itself, member)
     return Family(loaders)
-
-
-def _spec(family: Family[Member], kind: str) -> type:
-    return family[kind].spec
 
 
 def _itself(member: Member) -> Member:

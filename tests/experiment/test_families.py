@@ -1,12 +1,15 @@
+import subprocess
 import sys
 from dataclasses import dataclass, fields
+from importlib import import_module
+from pkgutil import iter_modules
 from typing import Annotated, Literal
 
 import pytest
 from annotated_types import Gt
 
 from heli_twin.experiment import Experiment, values
-from heli_twin.experiment.families import _ours, members
+from heli_twin.experiment.families import GROUPS, _kind, _ours, _specs_in, members
 from heli_twin.experiment.fields import fields_of
 
 PACKAGES = sorted(part.family.package for part in fields_of(Experiment).values() if part.family)
@@ -101,6 +104,23 @@ def test_a_new_file_is_a_new_member(tmp_path, monkeypatch):
             del sys.modules[name]
 
 
+@pytest.mark.parametrize("package", [*GROUPS, *(p for p in PACKAGES if p not in GROUPS)])
+def test_the_text_of_our_files_tells_their_members(package):
+    """A member is then loaded when it is asked for, and no other with it."""
+    home = import_module(package)
+    files = [f"{package}.{room.name}" for room in iter_modules(getattr(home, "__path__", []))]
+    loaded = [_kind(spec) for module in (home, *map(import_module, files)) for spec in _specs_in(module)]
+    assert sorted(loaded) == list(members(package))
+
+
+def test_a_flight_loads_the_members_that_it_has():
+    run = "from heli_twin import fly, load; fly(load('lab_simple', ['duration=0.02']), log_dir=None)"
+    told = "import sys; print(*(m for m in sys.modules if m.startswith(('heli_twin.lab.faults.', 'controllers.laws.'))))"
+    done = subprocess.run([sys.executable, "-c", f"{run}; {told}"], capture_output=True, text=True, check=True)
+    # The external law is also what a flight asks for its program.
+    assert set(done.stdout.split()) == {"controllers.laws.ltv_mpc", "controllers.laws.external"}
+
+
 def test_a_module_can_be_a_family():
     family = members("heli_twin.lab.compute")
     assert set(family) == {"modelled", "off"}
@@ -115,6 +135,6 @@ def test_what_is_only_imported_is_no_member(monkeypatch):
     monkeypatch.setattr("heli_twin.lab.compute.Elsewhere", Elsewhere, raising=False)
     _ours.cache_clear()
     try:
-        assert "elsewhere" not in members("heli_twin.lab.compute")
+        assert "elsewhere" not in _ours("heli_twin.lab.compute")
     finally:
         _ours.cache_clear()

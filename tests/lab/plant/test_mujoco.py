@@ -510,3 +510,9 @@ def test_the_description_is_the_model_that_flew():
 def test_the_spec_alone_does_not_load_the_engine():
     code = "import sys, heli_twin.lab.plant.mujoco as m; m.MuJoCo(); assert 'mujoco' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_physics_step_reads_no_clock():
+    twin = MuJoCo().start(np.array([0.0, 0, 1, 0, 0, 0, 0, 0]))
+    twin.advance(20_000_000, np.array(MuJoCo().trim), STILL_AIR)
+    assert not twin._data.timer.duration.any()
