@@ -51,7 +51,7 @@ def drives_of(
         way = float(p[INDEX["delay"]]) + GRID_S, phase
         if way not in inputs:
             inputs[way] = flight.sent.acting(way[0], t, phase)
-    cyclic = _Servos(flight, each, phases, begins) if max(map(sum, map(_play_of, each))) > 0.0 else None
+    cyclic = _Servos(flight, each) if max(map(sum, map(_play_of, each))) > 0.0 else None
     return [
         _drive(
             inputs[float(p[INDEX["delay"]]) + GRID_S, phase], p, cyclic.swashplate(p, phase, begin) if cyclic else None
@@ -87,22 +87,34 @@ class _Servos:
     smoothed over it.
     """
 
-    def __init__(
-        self, flight: Flight, variants: Sequence[Array], phases: Sequence[float | None], begins: Sequence[float]
-    ) -> None:
-        self._sent, self._phase = flight.sent, phases[0]
-        self._least = float(variants[0][INDEX["delay"]]) + GRID_S - 0.5 * flight.sent.frame
+    def __init__(self, flight: Flight, variants: Sequence[Array]) -> None:
+        self._sent = flight.sent
         self._edges: Array = flight.origin + STEP_S * np.arange(flight.steps + 1, dtype=np.float64)
         self._plays = list(dict.fromkeys(map(_play_of, variants)))
-        self._paths = {begin: self._paths_of(begin) for begin in dict.fromkeys(begins)}
+        self._paths: dict[tuple[float, float | None], tuple[float, list[Held]]] = {}
 
-    def _paths_of(self, begin: float) -> list[Held]:
+    def swashplate(self, p: Array, phase: float | None, begin: float) -> Array:
+        """Return its mean path (steps, 2) before the lag."""
+        wait = self._sent.frame
+        least = float(p[INDEX["delay"]]) + GRID_S - 0.5 * wait
+        # Frames that carry the same commands move the swashplate alike, sooner or later.
+        key = begin, None if phase is None else round(phase - least, 9)
+        if key not in self._paths:
+            self._paths[key] = least, self._paths_of(least, phase, begin)
+        began, paths = self._paths[key]
+        path, edges = paths[self._plays.index(_play_of(p))], self._edges - (least - began)
+        if phase is not None or not wait:
+            return np.diff(path.integral(edges), axis=0) / STEP_S
+        twice = path.double_integral(edges) - path.double_integral(edges - wait)
+        return np.diff(twice, axis=0) / (STEP_S * wait)
+
+    def _paths_of(self, least: float, phase: float | None, begin: float) -> list[Held]:
         """The paths of all plays."""
-        if self._phase is None:
-            t, u, anchor = self._sent.t + self._least, self._sent.u, self._least
+        if phase is None:
+            t, u, anchor = self._sent.t + least, self._sent.u, least
         else:
-            held = self._sent.frames(self._least, self._edges, self._phase)
-            t, u, anchor = held.t[:-1], held.u, self._phase
+            held = self._sent.frames(least, self._edges, phase)
+            t, u, anchor = held.t[:-1], held.u, phase
         first, last = (np.ceil((edge - begin - anchor) / SERVO_PERIOD_S) for edge in (t[0], t[-1]))
         periods = anchor + begin + SERVO_PERIOD_S * np.arange(first, last)
         times = np.concatenate([t, periods])
@@ -112,17 +124,6 @@ class _Servos:
         times, is_period = times[order], is_period[order]
         paths = _swashplates(u[np.cumsum(~is_period) - 1, :2], is_period, np.array(self._plays))
         return [Held(times, np.ascontiguousarray(paths[:, i])) for i in range(len(self._plays))]
-
-    def swashplate(self, p: Array, phase: float | None, begin: float) -> Array:
-        """Return its mean path (steps, 2) before the lag; a later frame, or a longer delay, moves the whole path."""
-        path, wait = self._paths[begin][self._plays.index(_play_of(p))], self._sent.frame
-        if self._phase is not None and phase is not None:
-            return np.diff(path.integral(self._edges - (phase - self._phase)), axis=0) / STEP_S
-        edges = self._edges - (float(p[INDEX["delay"]]) + GRID_S - 0.5 * wait - self._least)
-        if not wait:
-            return np.diff(path.integral(edges), axis=0) / STEP_S
-        twice = path.double_integral(edges) - path.double_integral(edges - wait)
-        return np.diff(twice, axis=0) / (STEP_S * wait)
 
 
 def _swashplates(u: Array, is_period: NDArray[np.bool_], plays: Array) -> Array:
@@ -176,6 +177,9 @@ def _battery(load: Array, drain: float, droop: float) -> Array:
         return np.ones_like(load)
     count = -(-len(load) // BATTERY_STEPS)
     at = load[np.maximum(BATTERY_STEPS * np.arange(count) - 1, 0)]
+    # The voltage of the full cell in hover, which its resistance lessens.
+    hover = OPEN_VOLTAGES_V[-1] - BATTERY_VOLTAGE_V * droop / (1.0 - IDLE_SHARE)
+    droop *= BATTERY_VOLTAGE_V / hover
     factor = np.ones(count)
     # The current depends on the thrust, which depends on the last voltage: a contraction by 0.14.
     for _ in range(5):
@@ -185,7 +189,7 @@ def _battery(load: Array, drain: float, droop: float) -> Array:
         lost = OPEN_VOLTAGES_V[-1] - np.interp(1.0 - used, CHARGES, OPEN_VOLTAGES_V)
         # Linear beyond a full cell: a drain may come out negative.
         lost += np.minimum(used, 0.0) * _SLOPE_V
-        factor = np.maximum(1.0 - lost / BATTERY_VOLTAGE_V - droop * (power - 1.0), 0.1) ** THRUST_EXPONENT
+        factor = np.maximum(1.0 - lost / hover - droop * (power - 1.0), 0.1) ** THRUST_EXPONENT
     return np.repeat(factor, BATTERY_STEPS)[: len(load)]
 
 

@@ -45,7 +45,7 @@ STEPS = {
 }
 """Steps of the differences; 1e-4 for the others."""
 START_STEP = np.array([0, 0, 0, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
-PUSH_STEP, PHASE_STEP = 1e-3, 2e-4
+PUSH_STEP, PHASE_STEP = 1e-3, 2e-5
 DRIVEN = (
     "delay",
     "servo_lag",
@@ -80,8 +80,8 @@ class State(NamedTuple):
     eta: Array
     """(9,) logarithms of `noise.COMPONENTS`."""
     framed: tuple[float | None, ...]
-    """For each log when the input of one of the radio's frames acts, to which `frame_phase` is added; None if the wait
-    for a frame is taken as its mean."""
+    """For each log when one of the radio's frames is sent, to which `frame_phase` is added: its input acts `delay` later,
+    the mean wait for a frame included. None if the wait for a frame is taken as its mean."""
     servo: tuple[float, ...]
     """For each log when a period of the servos begins after such an input, s."""
 
@@ -229,7 +229,11 @@ class Problem:
             count = rows.shape[1]
             late = [theta + state.nuisance[i, LATE] * (np.arange(N_THETA) == INDEX["delay"]) for theta in variants]
             framed = state.framed[i]
-            phases = [None if framed is None else framed + state.nuisance[i, PHASE] + more.frames for more in later]
+            # A longer delay moves what acts as a whole; a later frame may carry another command, too.
+            sent = [None if framed is None else framed + state.nuisance[i, PHASE] + more.frames for more in later]
+            phases = [
+                None if at is None else at + float(theta[INDEX["delay"]]) for at, theta in zip(sent, late, strict=True)
+            ]
             servo = [state.servo[i] + more.servo for more in later]
             for j, drive in enumerate(drives_of(flight, late, phases, servo)):
                 for k, channel in enumerate(drive):
