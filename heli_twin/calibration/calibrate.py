@@ -209,13 +209,13 @@ def _with_all_effects(flights: Sequence[Flight], base: Experiment, prior: Array,
     hold(spread, "servo")
     problem = Problem(flights, lab_of(base), prior, spread)
     blind = fit(problem, None, progress, enough=1.0, limit=5)
-    first = fit(problem, framed(problem, blind, np.log(noise.PRIOR)), progress, enough=0.5, limit=4)
+    begin = framed(problem, blind, np.log(noise.PRIOR))
     loose = Problem(flights, lab_of(base), prior, SPREAD.copy())
-    begin, gain = timed(loose, first, first.ahead._replace(theta=loose.started(first.ahead.theta, SPREAD)))
-    if gain > FRAME_GAIN:
-        first = fit(loose, begin, progress, enough=1.0, limit=4)
-        first = fit(loose, timed(loose, first, first.ahead)[0], progress, enough=0.5, limit=5)
-    return first
+    played, gain = timed(loose, blind, begin._replace(theta=loose.started(begin.theta, SPREAD)))
+    if gain < FRAME_GAIN:
+        return fit(problem, begin, progress, enough=0.5, limit=4)
+    first = fit(loose, played, progress, enough=1.0, limit=5)
+    return fit(loose, timed(loose, first, first.ahead)[0], progress, enough=0.5, limit=5)
 
 
 def _with_those_shown(first: Fit, believed: Array, progress: Callable[[], None]) -> tuple[tuple[str, ...], Fit]:

@@ -35,6 +35,8 @@ WIDER = (1.2, 1.5)
 """Limits of a reported standard deviation, as a multiple of the model's. The model's is a little short, since the
 covariance is estimated too and the timing of commands is not white; the sandwich of some sixty windows scatters by a
 quarter. Chosen on pilot twins that no test judges."""
+NEAR = 1.0
+"""Step, in posterior standard deviations, from which on residuals are no longer errors of the parameters."""
 MEMORY_WINDOWS = 2
 """Windows further apart than this are taken as independent by the sandwich."""
 
@@ -165,7 +167,7 @@ def _step(problem: Problem, state: State, air: noise.Windage, old: _Step | None,
         eta, of_eta = state.eta, old.eta_covariance
     else:
         # Far from the end, residuals are errors of the parameters, and have lost nothing to them.
-        explained = _explained(problem, jacobian) if size < RENEWED else None
+        explained = _explained(problem, jacobian) if size < NEAR else None
         eta, of_eta = noise.next_variances(air, state.eta, residual, first, explained)
     eta_size = float(np.max(np.abs(eta - state.eta) / np.sqrt(np.diag(of_eta))))
     return _Step(predicted, residual, jacobian, first, equations, covariance, step, eta, of_eta, eta_size, size)

@@ -80,8 +80,8 @@ class State(NamedTuple):
     eta: Array
     """(9,) logarithms of `noise.COMPONENTS`."""
     framed: tuple[float | None, ...]
-    """For each log when one of the radio's frames is sent, to which `frame_phase` is added: its input acts `delay` later,
-    the mean wait for a frame included. None if the wait for a frame is taken as its mean."""
+    """For each log when one of the radio's frames is sent, to which `frame_phase` is added: its input acts `delay`
+    later, the mean wait for a frame included. None if the wait for a frame is taken as its mean."""
     servo: tuple[float, ...]
     """For each log when a period of the servos begins after such an input, s."""
 
@@ -90,7 +90,7 @@ class Later(NamedTuple):
     """Delay, s, of an event at the helicopter against the state that shows it."""
 
     frames: float = 0.0
-    """Of the radio; the servos with them."""
+    """Of the radio, which then carry other commands; the servos with them."""
     servo: float = 0.0
     """Periods of the servos."""
 
@@ -217,8 +217,9 @@ class Problem:
             for i in range(3):
                 push[p + N_START - 3 + i, :, i] += PUSH_STEP
         out = simulate(Lanes(variants, start, push, drive, which), self.weights, self.early, self.lab, STRIDE)
+        # The error grows in proportion to the step: from four steps and two at once to single ones.
         nominal = Lanes(variants[:1], start[:1], push[:1], drive[:, :1], which[:1])
-        return out + (simulate(nominal, self.weights, self.early, self.lab) - out[:1])
+        return out + 1.5 * (simulate(nominal, self.weights, self.early, self.lab, 2) - out[:1])
 
     def _drives(self, state: State, variants: Sequence[Array], later: Sequence[Later]) -> Array:
         steps = self.weights.shape[1] - 1
