@@ -9,7 +9,8 @@ import pytest
 from heli_twin.calibration.calibrate import CalibrationError, flights_of
 from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, WINDOW_STEPS, flight_of
 from heli_twin.calibration.drive import GRID_S, SERVO_PERIOD_S, drives_of
-from heli_twin.calibration.parameters import NAMES, lab_of, of_experiment, vector
+from heli_twin.calibration.parameters import INDEX, NAMES, lab_of, of_experiment, vector
+from heli_twin.calibration.problem import Later, Problem
 from heli_twin.experiment.text import load
 from heli_twin.mission import fly
 
@@ -60,6 +61,28 @@ def test_logs_that_cannot_be_used_are_refused_in_a_sentence(log):
     blind = SimpleNamespace(pose=log.pose._replace(position=log.pose.position * [1, 1, 0.1]), sent=log.sent)
     with pytest.raises(CalibrationError, match="low has no usable flight"):
         flights_of([("low", blind, None)], LAB)
+
+
+@pytest.mark.parametrize("sent", [0.003, None])
+def test_a_longer_delay_moves_what_acts_as_a_whole(log, sent):
+    theta = vector(np.array([of_experiment(load("lab", ["plant.effects.battery=off"]))[name] for name in NAMES]))
+    problem = Problem([flight_of(log, "flight", lab_of(LAB), None)], lab_of(LAB), theta)
+    later = theta + 0.003 * (np.arange(len(theta)) == INDEX["delay"])
+    now, then = np.moveaxis(
+        problem._drives(problem.initial()._replace(framed=(sent,)), [theta, later], [Later(), Later()]), 1, 0
+    )
+    # Three steps; the windows begin anew.
+    assert np.abs(then[3:] - now[:-3]).max() < 1e-9
+    assert np.abs(then - now).max() > 0.01
+
+
+def test_a_later_frame_may_carry_another_command(log):
+    theta = vector(np.array([of_experiment(load("lab", ["plant.effects.battery=off"]))[name] for name in NAMES]))
+    problem = Problem([flight_of(log, "flight", lab_of(LAB), None)], lab_of(LAB), theta)
+    state = problem.initial()._replace(framed=(0.003,))
+    now, then = np.moveaxis(problem._drives(state, [theta, theta], [Later(), Later(frames=0.003)]), 1, 0)
+    # Those of the servos, pitch and roll, too.
+    assert (np.abs(then[3:] - now[:-3]).max(axis=(0, 2)) > 0.005).all()
 
 
 @pytest.mark.parametrize("phase_known", [True, False])

@@ -54,8 +54,10 @@ def test_the_copy_has_the_effects_of_the_plant():
     assert np.abs(poses - flown()[1]).max() > 0.01
 
 
-def test_the_battery_sags_as_the_plants():
-    experiment = load("lab", ["supervisor=off", "plant.effects.ground_effect=off"])
+@pytest.mark.parametrize("resistance", [0.28, 0.42])
+def test_the_battery_sags_as_the_plants(resistance):
+    words = ["plant.effects.ground_effect=off", f"plant.effects.battery.resistance={resistance}"]
+    experiment = load("lab", ["supervisor=off", *words])
     plant, believed = experiment.plant, of_experiment(experiment)
     twin = plant.start(START)
     u = np.array(plant.trim) + Multisine(thrust=0.1).inputs(np.arange(2000) * 1e-3)
