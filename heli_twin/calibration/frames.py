@@ -8,14 +8,14 @@ from heli_twin.calibration import noise
 from heli_twin.calibration.drive import SERVO_PERIOD_S
 from heli_twin.calibration.fit import Fit
 from heli_twin.calibration.parameters import INDEX
-from heli_twin.calibration.problem import LOG_SPREAD, N_LOG, N_START, N_THETA, PHASE, Later, Problem, State
+from heli_twin.calibration.problem import BEGIN, LOG_SPREAD, N_LOG, N_START, N_THETA, PHASE, Later, Problem, State
 
 PHASES, FRAME_GAIN = 22, 50.0
 """Phases of the frames that are tried, and the least gain in the weighted square that decides for one: twice the log of
 the number of phases is 6, and the gain is in the hundreds where frames are regular."""
-TURNS = 20
-"""Times between two periods of the servos that are tried, a millisecond apart: twice as far apart, servo lag and
-backlash come out three standard deviations off."""
+TURNS = 10
+"""Times between two periods of the servos that are tried, each in the middle of its share of a period: with frames of
+22 ms, a command comes to a period's end only between two of them."""
 
 
 def framed(problem: Problem, fitted: Fit, eta: Array) -> State:
@@ -74,8 +74,10 @@ def timed(problem: Problem, fitted: Fit, state: State) -> tuple[State, float]:
     ideal = state.theta.copy()
     ideal[[INDEX["servo_backlash"], INDEX["servo_slowness"]]] = 0.0
     with threadpool_limits(limits=1):
-        begins = SERVO_PERIOD_S * np.arange(TURNS) / TURNS
-        state = state._replace(servo=(0.0,) * len(problem.flights))
+        begins = SERVO_PERIOD_S * (np.arange(TURNS) + 0.5) / TURNS
+        nuisance = state.nuisance.copy()
+        nuisance[:, BEGIN] = 0.0
+        state = state._replace(nuisance=nuisance, servo=(0.0,) * len(problem.flights))
         variants = np.vstack([np.broadcast_to(state.theta, (TURNS, N_THETA)), ideal])
         later = [*(Later(servo=begin) for begin in begins.tolist()), Later()]
         predicted = problem.simulated(state, variants, later)

@@ -26,11 +26,13 @@ OF_A_LOG = (
     "marker_z",
     "delay_error",
     "frame_phase",
+    "servo_phase",
 )
 """Nuisance of each log: m/s^2 in the world; tilt of the marker body, rad; its place in the body, m; s."""
-LOG_SPREAD = np.array([0.3, 0.3, 0.1] + [0.02] * 3 + [0.01] * 3 + [0.0003, 0.006])
-"""Standard deviations of their priors. A flight begins anywhere between two steps of radio and physics."""
-PUSH, TILT, LEVER, LATE, PHASE = slice(0, 3), slice(3, 6), slice(6, 9), 9, 10
+LOG_SPREAD = np.array([0.3, 0.3, 0.1] + [0.02] * 3 + [0.01] * 3 + [0.0003, 0.006, 0.0006])
+"""Standard deviations of their priors. A flight begins anywhere between two steps of radio and physics; servos begin
+their periods anywhere between two times that are tried."""
+PUSH, TILT, LEVER, LATE, PHASE, BEGIN = slice(0, 3), slice(3, 6), slice(6, 9), 9, 10, 11
 N_THETA, N_LOG, N_START = len(NAMES), len(OF_A_LOG), 12
 STEPS = {
     "delay": 2e-5,
@@ -45,7 +47,7 @@ STEPS = {
 }
 """Steps of the differences; 1e-4 for the others."""
 START_STEP = np.array([0, 0, 0, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
-PUSH_STEP, PHASE_STEP = 1e-3, 2e-5
+PUSH_STEP = 1e-3
 DRIVEN = (
     "delay",
     "servo_lag",
@@ -83,7 +85,7 @@ class State(NamedTuple):
     """For each log when one of the radio's frames is sent, to which `frame_phase` is added: its input acts `delay`
     later, the mean wait for a frame included. None if the wait for a frame is taken as its mean."""
     servo: tuple[float, ...]
-    """For each log when a period of the servos begins after such an input, s."""
+    """For each log when a period of the servos begins after such an input, s, to which `servo_phase` is added."""
 
 
 class Later(NamedTuple):
@@ -93,6 +95,10 @@ class Later(NamedTuple):
     """Of the radio, which then carry other commands; the servos with them."""
     servo: float = 0.0
     """Periods of the servos."""
+
+
+SOON = Later(frames=2e-5), Later(servo=1e-4)
+"""Steps of the differences for `frame_phase` and `servo_phase`."""
 
 
 class Problem:
@@ -139,17 +145,17 @@ class Problem:
         steps = np.array([STEPS.get(name, 1e-4) for name in NAMES])
         free = np.flatnonzero(self.spread > FIXED)
         n, m = 1 + len(free), 1 + len(free) + N_START - 3
-        variants = state.theta + np.vstack([np.zeros(N_THETA), np.diag(steps)[free], np.zeros(N_THETA)])
-        out = self.simulated(state, variants, [Later()] * n + [Later(PHASE_STEP)], START_STEP)
-        by_phase = (out[n] - out[0]) / PHASE_STEP
-        out = np.delete(out, n, axis=0)
+        variants = state.theta + np.vstack([np.zeros(N_THETA), np.diag(steps)[free], np.zeros((len(SOON), N_THETA))])
+        out = self.simulated(state, variants, [Later()] * n + list(SOON), START_STEP)
+        by_timing = np.stack([(out[n + i] - out[0]) / max(later) for i, later in enumerate(SOON)])
+        out = np.delete(out, range(n, n + len(SOON)), axis=0)
         by_theta = np.zeros((N_THETA, *out.shape[1:]))
         by_theta[free] = (out[1:n] - out[0]) / steps[free, None, None, None]
         by_start = (out[n:m] - out[0]) / START_STEP[3:, None, None, None]
         by_push = (out[m:] - out[0]) / PUSH_STEP
         by_place = np.zeros((3, *out.shape[1:]))
         by_place[range(3), :, :, range(3)] = 1.0
-        jacobian = np.moveaxis(np.concatenate([by_theta, by_push, by_phase[None]]), 0, -1)
+        jacobian = np.moveaxis(np.concatenate([by_theta, by_push, by_timing]), 0, -1)
         first = np.moveaxis(np.concatenate([by_place, by_start]), 0, -1)
         h, lever = out[0], state.nuisance[self.log_of][:, LEVER]
         turned = lever_turned(h, lever)
@@ -157,11 +163,11 @@ class Problem:
             columns[..., :3, :] += np.einsum("wbij,wbjc->wbic", turned, columns[..., 3:, :])
         of_log = np.concatenate(
             [
-                jacobian[..., N_THETA:-1],
+                jacobian[..., N_THETA : -len(SOON)],
                 by_tilt(h),
                 by_lever(h),
                 jacobian[..., [INDEX["delay"]]],
-                jacobian[..., -1:],
+                jacobian[..., -len(SOON) :],
             ],
             axis=-1,
         )
@@ -194,14 +200,15 @@ class Problem:
 
         Variants after the first are taken from a simulation with longer steps, as differences from the first in it.
         With `start_steps` (12,) the first state is varied too, and after it the push; the variants are then the nominal
-        vector, one for each free parameter, and one with later frames.
+        vector, one for each free parameter, and those with later frames and servos.
         """
         p, w = len(variants), len(self.log_of)
         which = np.arange(p, dtype=np.int64)
         if start_steps is not None:
             # Most parameters move the helicopter under the same drive.
             free = np.flatnonzero(self.spread > FIXED).tolist()
-            driven = [0, *(1 + free.index(INDEX[name]) for name in DRIVEN if INDEX[name] in free), p - 1]
+            driven = [0, *(1 + free.index(INDEX[name]) for name in DRIVEN if INDEX[name] in free)]
+            driven += [i for i, more in enumerate(later) if any(more)]
             which = np.zeros(p, np.int64)
             which[driven] = np.arange(len(driven))
         drive = self._drives(state, *zip(*[(variants[i], later[i]) for i in _firsts(which)], strict=True))
@@ -235,7 +242,7 @@ class Problem:
             phases = [
                 None if at is None else at + float(theta[INDEX["delay"]]) for at, theta in zip(sent, late, strict=True)
             ]
-            servo = [state.servo[i] + more.servo for more in later]
+            servo = [state.servo[i] + state.nuisance[i, BEGIN] + more.servo for more in later]
             for j, drive in enumerate(drives_of(flight, late, phases, servo)):
                 for k, channel in enumerate(drive):
                     out[:, j, k, at : at + count] = channel[rows]
