@@ -28,7 +28,7 @@ RERUN = Path(sys.executable).with_name("rerun")
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    several = load_several("swap4", ["coordination=none", "duration=3", "scenario.radius=0.5"])
+    several = load_several("swap4", ["base=lab_simple", "coordination=none", "duration=3", "scenario.radius=0.5"])
     found = fly_several(several, log_dir=tmp_path_factory.mktemp("flight")).path
     assert found is not None
     return found
@@ -144,13 +144,13 @@ def test_a_recovered_log_tells_what_each_lost(path: Path, tmp_path: Path, capsys
 def test_fly_prints_what_programs_need(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     require = tmp_path / "apart.toml"
     require.write_text('[requirements]\napart = "always distance > 0.25 m"\n')
-    words = ["pair", "duration=0.5", "--log-dir", str(tmp_path / "logs"), "--json"]
+    words = ["pair", "base=lab_simple", "duration=0.5", "--log-dir", str(tmp_path / "logs"), "--json"]
     assert main(["fly", *words, "--require", str(require)]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["least_distance"] > 1.5
     assert said["arrived"] == 0
     assert [*said["ships"]] == ["a", "b"]
     assert [*said["requirements"]] == ["a: apart", "b: apart"]
-    meet = ["pair", "coordination=none", "scenario.radius=0.4", "duration=2", "--no-log"]
+    meet = ["pair", "base=lab_simple", "coordination=none", "scenario.radius=0.4", "duration=2", "--no-log"]
     assert main(["fly", *meet, "--require", str(require)]) == 3
     assert main(["fly", *meet]) == 1

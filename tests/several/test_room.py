@@ -62,7 +62,7 @@ class RelayPlanner:
 
 
 def flown(*overrides: str) -> SeveralResult:
-    return fly_several(load_several("pair", ["coordination=none", *overrides]), log_dir=None)
+    return fly_several(load_several("pair", ["base=lab", "coordination=none", *overrides]), log_dir=None)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,9 @@ def apart() -> SeveralResult:
 @pytest.fixture(scope="module")
 def relayed(apart: SeveralResult) -> SeveralResult:
     """Two helicopters that plan anew in flight."""
-    several = load_several("pair", ["duration=2", "scenario=own", "trajectory=circle", "ships.a.trajectory.x=0.8"])
+    several = load_several(
+        "pair", ["base=lab", "duration=1", "scenario=own", "trajectory=circle", "ships.a.trajectory.x=0.8"]
+    )
     several = changed_several(several, ["ships.b.trajectory.x=-0.8"])
     return fly_several(replace(several, coordination=Relay()), log_dir=None)
 
@@ -226,7 +228,7 @@ def test_plans_are_recorded_flown_and_solved_again(relayed: SeveralResult):
         log = relayed.log.ship(name)
         first, *others = log.committed
         assert first == (0, None)
-        assert [1e-9 * time for time, _ in others] == pytest.approx(np.arange(0.0, 2.0, 0.1).tolist())
+        assert [1e-9 * time for time, _ in others] == pytest.approx(np.arange(0.0, 1.0, 0.1).tolist())
         wish = relayed.several.fleet()[name].trajectory
         for time, plan in others:
             assert plan is not None
