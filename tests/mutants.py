@@ -191,10 +191,6 @@ EQUIVALENT = {
         " if a == 0 or (b - a) * period > REST_DURATION_S - 1e-9]",
     ): "differs only for a duration equal to the limit in all digits",
     (
-        "heli_twin/lab/plant/mujoco.py",
-        "self._u = data.act[:5] = data.ctrl[:4] = trim",
-    ): "there are four",
-    (
         "controllers/supervisors/safety.py",
         "if max(abs(x), abs(y)) >= spec.half_width or z > spec.height:",
     ): "differs only for a position equal to the limit in all digits",

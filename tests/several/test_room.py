@@ -122,7 +122,9 @@ def test_in_one_world_they_fly_bit_for_bit_as_apart_until_they_touch(apart: Seve
         alone = apart.log.ship(name).messages
         for topic, messages in together.log.ship(name).messages.items():
             assert topic in MEASURED or messages == alone[topic], topic
-    shared = flown("duration=1.6", "scenario.radius=0.6", "world=shared")
+    words = ("duration=1.6", "scenario.radius=0.6", "world=shared")
+    shared = flown(*words)
+    assert flown(*words).flight_digest == shared.flight_digest
     last = met.outcome.time
     for name, other in (("a", "b"), ("b", "a")):
         log, of_world = shared.log.ship(name), met.log.ship(name)

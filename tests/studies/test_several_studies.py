@@ -51,6 +51,7 @@ def _command(experiment: str) -> tuple[str, list[str]]:
             "disturbances.gust=off",
         ),
         ("formation", "base=lab_simple", "controller=pid", "faults.pose_outage=on", 'shared=["gust"]'),
+        ("pair", "world=shared", "transmitters=one"),
     ],
 )
 def test_the_shortest_command_flies_the_same(words: tuple[str, ...]):
