@@ -224,7 +224,7 @@ class Room:
                 self.touched.setdefault(name, text)
 
 
-PLAN_SAMPLES = 32
+PLAN_SAMPLES = 8
 """Samples of a plan that are made at once: it is soon replaced by another."""
 
 
