@@ -101,6 +101,30 @@ hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstanda
 
 EQUIVALENT = {
     (
+        "heli_twin/lab/plant/airframe.py",
+        "stick.delay = self.delay_steps / spec.option.timestep",
+    ): "MuJoCo keeps as many samples as the delay is long: a longer delay gives the oldest of them too",
+    (
+        "heli_twin/lab/plant/contract.py",
+        'does = "does nothing" if change >= -1e-6 else "acts the other way"',
+    ): "differs only for a change equal to the limit in all digits",
+    (
+        "heli_twin/lab/plant/motion.py",
+        "(q * up_y + r * up_z) / level if level else 1.0,",
+    ): "read only where the nose points straight up in all digits, where there is no heading",
+    (
+        "heli_twin/metrics/several.py",
+        "if len(time) and time[-2] < end:",
+    ): "the last sample twice is the same path",
+    (
+        "heli_twin/metrics/response.py",
+        "if abs(step) >= MIN_STEP and np.ptp(reference[leaves : arrives + 1]) <= abs(step) + 1.5e-06:",
+    ): "differs only for an overshoot of the reference between 1 and 1.5 micrometres",
+    (
+        "controllers/reference.py",
+        "flat[1, :, :2] = rotate_to_world(x[:, 4:7], yaw)",
+    ): "a third component is not read",
+    (
         "controllers/estimators/kalman.py",
         "self._stamp, self._age = -1, 1",
     ): "the first pose replaces both before they are read",

@@ -118,6 +118,8 @@ def test_a_model_is_recovered_from_its_own_flights(model, heading, turn):
     assert tuple(result.parameters) == NAMES
     # The window takes the heading for constant: second order in what it turns within 0.4 s.
     assert max(map(abs, misses(result, model).values())) < 0.002
+    # Two flights of 30 s without the first second and half a window at each end.
+    assert result.seconds == pytest.approx(57.0, abs=0.01)
     assert all(p.low < getattr(model, name) < p.high for name, p in result.parameters.items())
 
 

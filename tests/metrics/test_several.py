@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from controllers.flatness import FlatOutput
 from controllers.signals import Array
 from controllers.trajectories.circle import Circle
+from controllers.trajectories.hover import Hover
+from controllers.trajectories.pirouette import Pirouette
 from controllers.trajectories.waypoints import Waypoints
 from heli_twin.experiment.several_text import load_several
 from heli_twin.metrics.several import arrival, least_over_time, nearest, several_metrics
@@ -70,6 +73,29 @@ def test_who_is_elsewhere_has_not_arrived_and_its_plan_was_stuck(flown: SeveralR
     assert found.time is None
     # Its plan stands from 2 s to the end at 3 s, and nearly stands a little before.
     assert found.stuck == pytest.approx(1.1, abs=0.1)
+
+
+def test_who_begins_at_its_goal_has_arrived_when_it_begins(flown: SeveralResult):
+    found = arrival(flown.log.ship("b"), Hover(y=2.0))
+    assert (found.arrived, found.time) == (True, 0.0)
+
+
+def test_who_turns_at_its_goal_has_a_goal(flown: SeveralResult):
+    found = arrival(flown.log.ship("b"), Pirouette(y=2.0))
+    assert (found.arrived, found.time) == (True, 0.0)
+
+
+class Late:
+    """A wish that is elsewhere until the very end of the flight, and goes on."""
+
+    def flat(self, t: Array) -> FlatOutput:
+        z = np.zeros((len(t), 4))
+        z[:, :3] = np.where(t[:, None] > 2.999, [0.6, 0.0, 1.0], [5.0, 0.0, 1.0])
+        return FlatOutput(z, np.ones_like(z), 0 * z)
+
+
+def test_where_a_wish_that_goes_on_should_be_is_asked_at_the_end(flown: SeveralResult):
+    assert arrival(flown.log.ship("a"), Late()).arrived
 
 
 def test_a_wish_that_goes_on_is_flown_and_has_no_time_of_arrival(flown: SeveralResult):

@@ -11,6 +11,7 @@ from heli_twin.reporting.intervals import (
     mean_interval,
     median_interval,
     paired_interval,
+    screening,
     seed_interval,
     shown_share,
     sobol,
@@ -201,6 +202,24 @@ def test_the_same_scores_have_the_same_sobol_interval():
 def test_scores_that_never_change_depend_on_no_axis():
     found = sobol(np.ones(8), np.ones(8), np.ones((3, 8)))
     assert found.first == found.total == [Interval(0.0, 0.0, 0.0, 8)] * 3
+
+
+def test_screened_effects_have_students_and_the_chi_square_interval():
+    found = screening(np.array([[1.0, 8.0], [-2.0, 8.2], [3.0, 8.1]]))
+    # Student's t of two degrees of freedom is 4.30265; chi-square 0.0506356 and 7.37776.
+    assert found.mu_star[0] == pytest.approx((2.0, 0.0, 2.0 + 4.30265 / np.sqrt(3), 3), rel=1e-5)
+    assert found.mu_star[1] == pytest.approx(
+        (8.1, 8.1 - 0.430265 / np.sqrt(3), 8.1 + 0.430265 / np.sqrt(3), 3), rel=1e-5
+    )
+    sigma = np.sqrt(19.0 / 3.0)
+    assert found.sigma[0] == pytest.approx(
+        (sigma, sigma * np.sqrt(2 / 7.37776), sigma * np.sqrt(2 / 0.0506356), 3), rel=1e-5
+    )
+
+
+def test_one_flight_shows_one_in_twenty():
+    # log(0.05) / log(0.05) is 1, and rounding must not make two of it.
+    assert [flights_to_show(share) for share in (0.05, 0.95, 0.99)] == [1, 59, 299]
 
 
 def test_wilks_numbers_of_flights_are_the_textbooks():

@@ -19,7 +19,7 @@ from heli_twin.cli import main
 from heli_twin.experiment.tree import canonical_json, from_json, toml_of
 from heli_twin.lab.plant import STILL_AIR, Air, physical_state
 from heli_twin.lab.plant.airframe import Airframe, _rpy, shape_of
-from heli_twin.lab.plant.mjcf_text import MAX_MESH_BYTES, MAX_TEXT_BYTES
+from heli_twin.lab.plant.mjcf_text import MAX_MESH_BYTES, MAX_TEXT_BYTES, timestep
 from heli_twin.lab.plant.mujoco import MuJoCo, model_file
 
 FOLDER = Path(__file__).parent / "airframes"
@@ -464,6 +464,15 @@ def test_it_is_refused_in_one_sentence(name, tmp_path, capsys):
     assert error.rstrip("\n").isprintable()
     assert len(error) < 500
     assert not (tmp_path / "logs").exists()
+
+
+def test_a_tree_may_be_forty_elements_deep():
+    def deep(n: int) -> str:
+        return '<mujoco><option timestep="0.004"/>' + "<body>" * (n - 1) + "</body>" * (n - 1) + "</mujoco>"
+
+    assert timestep(deep(40)) == 0.004
+    with pytest.raises(ValueError, match="deeper than 40"):
+        timestep(deep(41))
 
 
 def test_a_user_of_python_and_a_log_are_told_the_same(tmp_path):
