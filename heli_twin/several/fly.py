@@ -9,6 +9,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from controllers.laws.external import External
 from controllers.proxqp import BUILD_TROUBLE
 from controllers.trajectories import Trajectory, fitted
@@ -186,9 +188,23 @@ def checked_fleet(several: Several) -> Several:
             checked(experiment)
             if isinstance(experiment.controller, External):
                 require_program(experiment.controller)
+            _check_fence(experiment)
         except ExperimentError as error:
             raise ExperimentError(f"ships.{name}: {error}") from None
     return several
+
+
+def _check_fence(experiment: Experiment) -> None:
+    """Refuse a flight that begins or ends where its supervisor lands it: a room of many is larger than that of one."""
+    fence = getattr(experiment.supervisor, "half_width", None)
+    ends = experiment.trajectory.flat(np.array([0.0, experiment.duration])).z[:, :2]
+    farthest = float(np.abs(ends).max())
+    if fence is not None and farthest > fence:
+        raise ExperimentError(
+            f"supervisor.half_width = {fence:g} m, but the trajectory begins or ends {farthest:.2f} m north or west of"
+            f" the middle, where it would land: write supervisor.half_width={farthest + 0.5:.1f}, and as much for"
+            " volume.half_width and coordination.half_width"
+        )
 
 
 def _begin_log(

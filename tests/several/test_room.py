@@ -27,7 +27,7 @@ from heli_twin.reanalysis.refly import refly
 from heli_twin.reanalysis.resolve import resolve
 from heli_twin.recording import LogError, read_log, recover
 from heli_twin.recording.schema import FORMAT, MEASURED
-from heli_twin.several.fly import SeveralResult, fly_several
+from heli_twin.several.fly import SeveralResult, checked_fleet, fly_several
 from heli_twin.several.room import chance_of
 
 STEP_NS, TURN_NS, MS = 200_000_000, 100_000_000, 1_000_000
@@ -268,6 +268,13 @@ def test_measured_times_are_no_part_of_the_digest(relayed: SeveralResult):
     assert again.flight_digest == relayed.flight_digest
     topic = "/a/planning_timing"
     assert again.log.messages[topic] != relayed.log.messages[topic]
+
+
+def test_who_would_land_at_the_edge_of_the_room_is_told_before():
+    several = load_several("swap8", ["scenario.radius=2.3"])
+    with pytest.raises(ExperimentError, match=r"ships.a: supervisor.half_width = 2.2 m, .* 2.30 m .*half_width=2.8"):
+        fly_several(several, log_dir=None)
+    checked_fleet(changed_several(several, ["supervisor.half_width=2.8"]))
 
 
 def test_one_of_them_is_not_flown_again_alone(met: SeveralResult):
