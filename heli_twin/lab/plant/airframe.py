@@ -15,8 +15,9 @@ from controllers.signals import Array, nanoseconds
 from heli_twin.lab.plant.contract import hover_trim, motion_of, violations
 from heli_twin.lab.plant.effects import Effect
 from heli_twin.lab.plant.mjcf_text import normal_form, read_text, timestep, unpacked
-from heli_twin.lab.plant.mujoco import Parts, Twin, engine, model_file
+from heli_twin.lab.plant.mujoco import engine, model_file
 from heli_twin.lab.plant.shape import Primitive
+from heli_twin.lab.plant.twin import Parts, Twin
 from heli_twin.terminal_text import clean
 
 TOLD_VIOLATIONS = 3
@@ -115,7 +116,7 @@ class Airframe:
         data = engine().MjData(model)
         engine().mj_resetDataKeyframe(model, data, model.key("hover").id)
         mass = float(model.body_subtreemass[model.body_rootid[model.body("fuselage").id]])
-        parts = Parts(model, data, motion_of(model, data), hover_trim(model), mass, self._mjcf)
+        parts = Parts(engine(), model, data, motion_of(model, data), hover_trim(model), mass, self._mjcf)
         try:
             return Twin(parts, self, x)
         except KeyError as error:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.lab.plant.airframe import Airframe
-from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, rotated_to_world
+from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine
+from heli_twin.lab.plant.twin import rotated_to_world
 
 SAMPLES = 4
 """Of each pixel, against stairs at edges; a software renderer takes twice as long as for one sample."""

@@ -15,7 +15,8 @@ import numpy as np
 from controllers.signals import Array
 from heli_twin.lab.plant import STILL_AIR
 from heli_twin.lab.plant.motion import Gimbal
-from heli_twin.lab.plant.mujoco import MuJoCo, Parts, Twin, edited, engine, mjcf_of, model_file
+from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, mjcf_of, model_file
+from heli_twin.lab.plant.twin import Parts, Twin
 
 ROTORS_RADIUS_M = 0.095
 ROTORS_FROM_M, ROTORS_TO_M = 0.027, 0.076
@@ -48,7 +49,8 @@ class World:
         self.twins: dict[str, Twin] = {}
         for name, plant in plants.items():
             motion = Gimbal(model, data, model.joint(f"{name}/x").id)
-            parts = Parts(model, data, motion, np.array(plant.trim), plant.mass, mjcf_of(plant), f"{name}/")
+            trim = np.array(plant.trim)
+            parts = Parts(engine(), model, data, motion, trim, plant.mass, mjcf_of(plant), f"{name}/")
             self.twins[name] = Twin(parts, plant, starts[name])
         of_body = [model.body(i).name.partition("/")[0] for i in range(model.nbody)]
         self._ship_of_geom = [of_body[body] if body else "" for body in model.geom_bodyid]

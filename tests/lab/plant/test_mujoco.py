@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from controllers.model import GRAVITY, Model, advance
 from heli_twin.lab.plant import STILL_AIR, Air, physical_state
 from heli_twin.lab.plant.motion import Gimbal
-from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, model_file, rotated_to_world
+from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, model_file
+from heli_twin.lab.plant.twin import rotated_to_world
 
 MS = 1_000_000
 SECOND = 1000 * MS
