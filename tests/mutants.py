@@ -82,7 +82,11 @@ OTHER_NAMES = {
     "heli_twin/lab/compute.py": ["lab/test_faults.py", "lab/test_chance.py", "flights/test_flights.py"],
     "heli_twin/lab/plant/contract.py": ["lab/plant/test_airframe.py"],
     "heli_twin/lab/plant/motion.py": ["lab/plant/test_mujoco.py", "lab/plant/test_airframe.py"],
-    "heli_twin/lab/plant/twin.py": ["lab/plant/test_mujoco.py", "lab/plant/test_world.py", "lab/plant/test_airframe.py"],
+    "heli_twin/lab/plant/twin.py": [
+        "lab/plant/test_mujoco.py",
+        "lab/plant/test_world.py",
+        "lab/plant/test_airframe.py",
+    ],
     "heli_twin/lab/plant/__init__.py": ["lab/plant/test_ideal.py", "lab/plant/effects/test_effects.py"],
 }
 """The tests of modules whose name no test file has, in `tests/`, nearest first."""
