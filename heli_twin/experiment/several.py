@@ -141,11 +141,15 @@ def checked_several(several: Any) -> Several:
     return checked
 
 
+def _kind(part: object) -> str:
+    return clean(str(getattr(part, "kind", type(part).__name__)), 60)
+
+
 def _check_shared(fleet: Mapping[str, Experiment]) -> None:
     for name, other in fleet.items():
         if type(other.plant) is not MuJoCo:
             raise ExperimentError(
-                f"ships.{name}.plant = {clean(other.plant.kind, 60)}: one shared world has the plant mujoco alone:"
+                f"ships.{name}.plant = {_kind(other.plant)}: one shared world has the plant mujoco alone:"
                 " write plant=mujoco or world=apart"
             )
 
@@ -159,7 +163,7 @@ def _check_turns(fleet: Mapping[str, Experiment]) -> None:
     for name, e in fleet.items():
         if not isinstance(e.radio, Dsm2) or not isinstance(one.radio, Dsm2):
             raise ExperimentError(
-                f"ships.{name}.radio = {clean(e.radio.kind, 60)}: one transmitter for all has frames: write radio=dsm2"
+                f"ships.{name}.radio = {_kind(e.radio)}: one transmitter for all has frames: write radio=dsm2"
                 " or transmitters=each"
             )
         if e.radio.frame_period != one.radio.frame_period:

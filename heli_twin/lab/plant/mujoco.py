@@ -174,7 +174,8 @@ def engine() -> Any:
     # The wheel's own clock, read around every part of a step, takes a quarter of the step. Without one, MuJoCo keeps no
     # times; the bindings can change the clock but not take it away.
     with suppress(OSError, ValueError):
-        clock = ctypes.c_void_p.in_dll(ctypes.CDLL(mujoco._functions.__file__), "mjcb_time")
+        library: Any = mujoco._functions  # pyright: ignore[reportAttributeAccessIssue]
+        clock = ctypes.c_void_p.in_dll(ctypes.CDLL(library.__file__), "mjcb_time")
         clock.value = None
     return mujoco
 

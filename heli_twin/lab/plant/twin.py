@@ -1,6 +1,7 @@
 """A helicopter of MuJoCo in flight: its state is read, and what acts on it is written, between physics steps."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
@@ -52,6 +53,10 @@ class Parts(NamedTuple):
     """Begins the names of its parts where several helicopters share the model; then another steps all of them."""
 
 
+PARTS = ("actuator", "body", "geom", "joint", "site", "tendon")
+"""What a model finds by its name."""
+
+
 class Names:
     """A model in which the names of one helicopter's parts begin with a prefix, under the names without it."""
 
@@ -60,9 +65,10 @@ class Names:
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._model, name)
-        if name in ("actuator", "body", "geom", "joint", "site", "tendon"):
-            return lambda part: found(self._prefix + part)
-        return found
+        return partial(self._part, found) if name in PARTS else found
+
+    def _part(self, find: Callable[[str], Any], name: str) -> Any:
+        return find(self._prefix + name)
 
 
 class Twin:
