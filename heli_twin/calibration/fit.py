@@ -18,7 +18,17 @@ from threadpoolctl import threadpool_limits
 from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.equations import Normal, information, normal
-from heli_twin.calibration.problem import FIXED, LEAST, LOG_SPREAD, N_LOG, N_THETA, Problem, State
+from heli_twin.calibration.problem import (
+    BEGIN,
+    BEGIN_SHARE_S,
+    FIXED,
+    LEAST,
+    LOG_SPREAD,
+    N_LOG,
+    N_THETA,
+    Problem,
+    State,
+)
 
 MAX_ITERATIONS = 14
 MAX_STEP = 1.0
@@ -35,6 +45,8 @@ WIDER = (1.2, 1.5)
 """Limits of a reported standard deviation, as a multiple of the model's. The model's is a little short, since the
 covariance is estimated too and the timing of commands is not white; the sandwich of some sixty windows scatters by a
 quarter. Chosen on pilot twins that no test judges."""
+MOST_BEGIN_S = 0.5 * BEGIN_SHARE_S
+"""Largest `servo_phase`."""
 NEAR = 1.0
 """Step, in posterior standard deviations, from which on residuals are no longer errors of the parameters."""
 MEMORY_WINDOWS = 2
@@ -202,9 +214,11 @@ def _precision(problem: Problem) -> Array:
 def _moved(problem: Problem, state: State, now: _Step, share: float) -> State:
     longest = float(np.max(np.abs(now.step[:N_THETA]) / np.maximum(problem.spread, FIXED)))
     step = now.step * share * min(1.0, MAX_STEP / max(longest, 1e-9))
+    nuisance = state.nuisance + step[N_THETA:].reshape(-1, N_LOG)
+    nuisance[:, BEGIN] = np.clip(nuisance[:, BEGIN], -MOST_BEGIN_S, MOST_BEGIN_S)
     return State(
         np.maximum(state.theta + step[:N_THETA], LEAST),
-        state.nuisance + step[N_THETA:].reshape(-1, N_LOG),
+        nuisance,
         state.start + now.equations.to_start(step),
         now.eta,
         state.framed,

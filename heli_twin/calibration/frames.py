@@ -8,14 +8,24 @@ from heli_twin.calibration import noise
 from heli_twin.calibration.drive import SERVO_PERIOD_S
 from heli_twin.calibration.fit import Fit
 from heli_twin.calibration.parameters import INDEX
-from heli_twin.calibration.problem import BEGIN, LOG_SPREAD, N_LOG, N_START, N_THETA, PHASE, Later, Problem, State
+from heli_twin.calibration.problem import (
+    BEGIN,
+    BEGIN_SHARE_S,
+    LOG_SPREAD,
+    N_LOG,
+    N_START,
+    N_THETA,
+    PHASE,
+    Later,
+    Problem,
+    State,
+)
 
 PHASES, FRAME_GAIN = 22, 50.0
 """Phases of the frames that are tried, and the least gain in the weighted square that decides for one: twice the log of
 the number of phases is 6, and the gain is in the hundreds where frames are regular."""
-TURNS = 10
-"""Times between two periods of the servos that are tried, each in the middle of its share of a period: with frames of
-22 ms, a command comes to a period's end only between two of them."""
+TURNS = round(SERVO_PERIOD_S / BEGIN_SHARE_S)
+"""Times between two periods of the servos that are tried, each in the middle of its share of a period."""
 
 
 def framed(problem: Problem, fitted: Fit, eta: Array) -> State:
@@ -92,6 +102,8 @@ def _misfit(problem: Problem, fitted: Fit, eta: Array, residuals: Array) -> Arra
     """Weighted squares (logs, c) of residuals (w, BINS, 6, c), with parameters and first states fitted to each."""
     c, n = residuals.shape[-1], N_THETA + N_LOG
     rows = np.concatenate([residuals, fitted.jacobian, fitted.first], axis=-1)
+    # What is tried is not fitted.
+    rows[..., c + N_THETA + BEGIN] = 0.0
     white = noise.whiten(fitted.air, eta, rows)[0].reshape(len(rows), -1, rows.shape[-1])
     gram = white.transpose(0, 2, 1) @ white
     k = c + n

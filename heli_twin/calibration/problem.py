@@ -33,6 +33,9 @@ LOG_SPREAD = np.array([0.3, 0.3, 0.1] + [0.02] * 3 + [0.01] * 3 + [0.0003, 0.006
 """Standard deviations of their priors. A flight begins anywhere between two steps of radio and physics; servos begin
 their periods anywhere between two times that are tried."""
 PUSH, TILT, LEVER, LATE, PHASE, BEGIN = slice(0, 3), slice(3, 6), slice(6, 9), 9, 10, 11
+BEGIN_SHARE_S = 0.002
+"""Between two times at which servos are tried to begin their periods. With frames of 22 ms, a command comes to the end
+of a period every 2 ms: between, the poses change in proportion."""
 N_THETA, N_LOG, N_START = len(NAMES), len(OF_A_LOG), 12
 STEPS = {
     "delay": 2e-5,
