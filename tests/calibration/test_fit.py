@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from heli_twin.calibration.calibrate import _is_open
-from heli_twin.calibration.fit import _bounded, _turns_back
+from heli_twin.calibration.fit import _bounded, _moved, _turns_back
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD
+from heli_twin.calibration.problem import BEGIN, BEGIN_SHARE_S, N_LOG, N_START, State
 
 
 def step(*values: float):
@@ -67,3 +68,15 @@ def test_a_step_keeps_to_the_bound_and_takes_the_others_along():
     assert bounded[i] == pytest.approx(-0.2)
     assert bounded[j] == pytest.approx(1.0 + 0.5 * 0.3)
     assert np.array_equal(_bounded(problem, state, covariance, -step), -step)
+
+
+@pytest.mark.parametrize(("asked", "is_at"), [(-0.004, -0.5), (0.0004, 0.2), (0.004, 0.5)])
+def test_servos_begin_in_their_share_of_a_period(asked, is_at):
+    n = len(NAMES)
+    step = np.zeros(n + N_LOG)
+    step[n + BEGIN] = asked
+    state = State(np.zeros(n), np.zeros((1, N_LOG)), np.zeros((1, N_START)), np.zeros(9), (None,), (0.001,))
+    equations = SimpleNamespace(to_start=lambda step: np.zeros((1, N_START)))
+    now = SimpleNamespace(step=step, equations=equations, eta=state.eta)
+    moved = _moved(SimpleNamespace(spread=SPREAD), state, now, 1.0)
+    assert moved.nuisance[0, BEGIN] == pytest.approx(is_at * BEGIN_SHARE_S)
