@@ -33,8 +33,9 @@ class Planar:
             V[k + 1, [0, 1], k, [0, 1]] += gain
         self._C = V[1:].reshape(2 * n, 2 * n)
         self._V = V.reshape(2 * n + 2, 2 * n)
-        self._own = [AB[0, 0, 2] * V[:-1, axis, :, axis] for axis in (0, 1)]
-        """For vx and vy, the way ahead and to port in each period (N, N) over the own inputs."""
+        ahead, to_port = (AB[0, 0, 2] * V[:-1, axis, :, axis] for axis in (0, 1))
+        self._own = ahead, to_port, -to_port
+        """For vx and vy, the way ahead and to port in each period (N, N) over the own inputs; and to starboard."""
         # Positions 1 .. N are sums of the displacements of each period, integral states are sums of positions.
         position = np.tril(np.ones((n, n)))
         integral = AB[0, 4, 0] * np.tril(np.ones((n, n)), -1) @ position
@@ -59,13 +60,13 @@ class Planar:
 
     def condense(self, x_nominal: Array, AB: Array | None, sqrt_Qf: Array) -> tuple[Array, Array]:
         """Return H and the velocity rows C, which never change."""
-        S, moved, (ahead, to_port) = self._S, self._moved, self._own
+        S, moved, (ahead, to_port, to_starboard) = self._S, self._moved, self._own
         yaw = x_nominal[:-1, 3]
         c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
         n = len(yaw)
         np.multiply(c, ahead, out=moved[0, :, :, 0])
         np.multiply(s, ahead, out=moved[1, :, :, 0])
-        np.multiply(-s, to_port, out=moved[0, :, :, 1])
+        np.multiply(s, to_starboard, out=moved[0, :, :, 1])
         np.multiply(c, to_port, out=moved[1, :, :, 1])
         weighted = self._roots @ moved.reshape(2, n, 2 * n)
         S[:-6].reshape(2, n - 1, 2 * n)[...] = weighted[:, :-2]

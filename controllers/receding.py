@@ -125,7 +125,7 @@ class RecedingHorizon(ABC):
         x = ltv.x_nominal + np.concatenate(dx, axis=1).take(self._state_order, axis=1)
         own = NX + self.integral_states
         extra = x[:, own:] if x.shape[1] > own else None
-        return command._replace(plan=Plan(x[:, :own], u, ltv.u_nominal, extra), qp=report)
+        return Command(command.stamp, command.u, Plan(x[:, :own], u, ltv.u_nominal, extra), report, command.solve_ns)
 
     def _solved(self, ltv: Ltv, costs: Sequence[Cost]) -> tuple[Array, QpReport] | None:
         """Return the inputs (N, 4) of least cost within all bounds, and how they were found; None if they were not.
