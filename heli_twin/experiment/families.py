@@ -110,12 +110,7 @@ class Family(Mapping[str, T]):
 
 def members(package: str) -> Family[type]:
     """The specs of a family by their `kind`, in alphabetical order."""
-    family = all_members(package)
-
-    def spec(kind: str) -> type:
-        return family[kind].spec
-
-    return Family({kind: partial(spec, kind) for kind in family})
+    return _both(package)[1]
 
 
 def all_members(package: str) -> Family[Member]:
@@ -124,22 +119,32 @@ def all_members(package: str) -> Family[Member]:
     Raises:
         FamilyError: Two members have one kind, or an installed package is broken.
     """
+    return _both(package)[0]
+
+
+def _both(package: str) -> tuple[Family[Member], Family[type]]:
     named = _named.get(package)
-    return _family(_ours(package), _installed(package), named) if named else _not_named(package)
+    return _put_together(_ours(package), _installed(package), named) if named else _not_named(package)
 
 
 @cache
-def _not_named(package: str) -> Family[Member]:
-    return _family(_ours(package), _installed(package))
+def _not_named(package: str) -> tuple[Family[Member], Family[type]]:
+    return _put_together(_ours(package), _installed(package))
 
 
-def _family(ours: Mapping[str, Callable[[], Member]], *others: Mapping[str, Member]) -> Family[Member]:
+def _put_together(
+    ours: Mapping[str, Callable[[], Member]], *others: Mapping[str, Member]
+) -> tuple[Family[Member], Family[type]]:
     loaders = dict(ours)
     for kind, member in chain.from_iterable(other.items() for other in others):
         if kind in loaders:
             _require_same(kind, loaders[kind](), member)
         loaders[kind] = partial(_itself, member)
-    return Family(loaders)
+    return Family(loaders), Family({kind: partial(_spec, loader) for kind, loader in loaders.items()})
+
+
+def _spec(loader: Callable[[], Member]) -> type:
+    return loader().spec
 
 
 def _itself(member: Member) -> Member:
