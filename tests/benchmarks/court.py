@@ -2,6 +2,10 @@
 
 Every row is a processor time. Its `share` is that time over the bare floor of the same run: the MuJoCo steps and the
 ProxQP solves of one flight of `FLIGHT_S` alone. Shares, not times, are compared with those of the last release.
+
+The floor is the engines at their best: MuJoCo without its clock, as flights use it, and ProxQP with all control problems
+of the flight. Two rows tell how it would be otherwise: MuJoCo as its wheel comes, with the clock; and ProxQP with those
+problems alone that a flight asks it, since one linear equation gives the others.
 """
 
 import json
@@ -36,6 +40,7 @@ from heli_twin.studies.work import fly_task
 from heli_twin.workers.task import Task
 
 FLIGHT_S, ROUNDS = 10.0, 5
+ROOT = Path(__file__).parents[2]
 RELEASE = Path(__file__).with_name("release.json")
 """The court of the last release, as `court.json` was then."""
 SLOWER = 1.25
@@ -106,6 +111,20 @@ def qps_of(e: Experiment) -> list[list[CondensedQp]]:
     return [*map(list, zip(*found, strict=True))]
 
 
+def asked_qps_of(e: Experiment) -> list[list[CondensedQp]]:
+    """Those QPs of a flight that ProxQP is asked, one list a subsystem."""
+    found = defaultdict[ProxQp, list[CondensedQp]](list)
+    solve, kept = ProxQp.__call__, dict[int, Any]()
+
+    def asked(solver: ProxQp, qp: CondensedQp) -> Any:
+        found[solver].append(CondensedQp(*(_own(part, kept) for part in qp)))
+        return solve(solver, qp)
+
+    with patch.object(ProxQp, "__call__", asked):
+        fly(e, log_dir=None)
+    return [*found.values()]
+
+
 def _own(array: Any, kept: dict[int, Any]) -> Any:
     """A copy; of an array that came before with the same content, the same copy."""
     before = kept.get(id(array))
@@ -172,6 +191,23 @@ def mujoco_alone(e: Experiment) -> Callable[[], None]:
     return steps
 
 
+def mujoco_with_clock() -> float:
+    """Processor time of the same steps by MuJoCo as its wheel comes, in a process of its own, s."""
+    done = subprocess.run([sys.executable, "-c", WITH_CLOCK], cwd=ROOT, check=True, capture_output=True, text=True)
+    return float(done.stdout)
+
+
+WITH_CLOCK = """
+import ctypes, mujoco
+clock = ctypes.c_void_p.in_dll(ctypes.CDLL(mujoco._functions.__file__), "mjcb_time")
+its_own = clock.value
+from tests.benchmarks import court
+steps = court.mujoco_alone(court.experiment(court.FLIGHTS["MPC"]))
+clock.value = its_own
+print(court.cpu(steps))
+"""
+
+
 class Mute(Recorder):
     """A recorder that keeps nothing."""
 
@@ -229,6 +265,9 @@ def measure(folder: Path, progress: Callable[[str], None] = lambda name: None) -
     work: dict[str, Callable[[], float]] = {}
     work["MuJoCo steps alone"] = partial(cpu, mujoco_alone(mpc))
     work["ProxQP solves alone"] = lambda: sum(cpu(by_proxqp(part)) for part in qps["flown"])
+    asked = asked_qps_of(mpc)
+    work["MuJoCo steps with its clock"] = mujoco_with_clock
+    work["ProxQP solves that are asked for"] = lambda: sum(cpu(by_proxqp(part)) for part in asked)
     for name, e in flights.items():
         work[f"flight, {name}, logged"] = partial(cpu, partial(fly, e, log_dir=folder))
     work["flight, MPC, loop alone"] = lambda: cpu(flight(mpc).run)
