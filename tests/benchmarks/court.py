@@ -3,9 +3,9 @@
 Every row is a processor time. Its `share` is that time over the bare floor of the same run: the MuJoCo steps and the
 ProxQP solves of one flight of `FLIGHT_S` alone. Shares, not times, are compared with those of the last release.
 
-The floor is the engines at their best: MuJoCo without its clock, as flights use it, and ProxQP with all control problems
-of the flight. Two rows tell how it would be otherwise: MuJoCo as its wheel comes, with the clock; and ProxQP with those
-problems alone that a flight asks it, since one linear equation gives the others.
+The floor is the engines at their best: MuJoCo without its clock, as flights use it, and ProxQP with all control
+problems of the flight. Two rows tell how it would be otherwise: MuJoCo as its wheel comes, with the clock; and ProxQP
+with those problems alone that a flight asks it, since one linear equation gives the others.
 """
 
 import json
