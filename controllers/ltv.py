@@ -149,7 +149,7 @@ class Linearisation:
         for state in states:
             flat += state
         # NumPy itself takes four times as long to read Python floats.
-        _rows(len(states)).pack_into(out, out.strides[0], *flat)
+        _rows(len(states)).pack_into(out.data, out.strides[0], *flat)
         np.add(self._trapezoids(len(states)).dot(out[:, :2] - xy_ref), x0[8:], out=out[1:, 8:])
         return out
 
