@@ -106,6 +106,14 @@ hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstanda
 
 EQUIVALENT = {
     (
+        "heli_twin/metrics/contact.py",
+        "near = (np.hypot(apart[..., 0], apart[..., 1]) < 2.0 * RADIUS_M) & (np.abs(apart[..., 2]) <= BELOW_M + ABOVE_M)",
+    ): "differs only for a height equal to the limit in all digits",
+    (
+        "heli_twin/metrics/several.py",
+        'which = np.searchsorted(starts, time + 1.5000000000000002e-09, side="right") - 1',
+    ): "plans begin at whole nanoseconds of a control period",
+    (
         "heli_twin/lab/plant/airframe.py",
         "stick.delay = self.delay_steps / spec.option.timestep",
     ): "MuJoCo keeps as many samples as the delay is long: a longer delay gives the oldest of them too",

@@ -1,5 +1,7 @@
 """How near several helicopters came, and who arrived."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,10 @@ from controllers.trajectories.hover import Hover
 from controllers.trajectories.pirouette import Pirouette
 from controllers.trajectories.waypoints import Waypoints
 from heli_twin.experiment.several_text import load_several
-from heli_twin.metrics.several import arrival, least_over_time, nearest, several_metrics
+from heli_twin.metrics.flat import flat
+from heli_twin.metrics.several import arrival, flown_paths, least_over_time, nearest, pooled_metrics, several_metrics
+from heli_twin.metrics.tracking import metrics
+from heli_twin.recording.log import Messages
 from heli_twin.several.fly import SeveralResult, fly_several, wishes_of
 
 
@@ -83,6 +88,25 @@ def test_who_begins_at_its_goal_has_arrived_when_it_begins(flown: SeveralResult)
 def test_who_turns_at_its_goal_has_a_goal(flown: SeveralResult):
     found = arrival(flown.log.ship("b"), Pirouette(y=2.0))
     assert (found.arrived, found.time) == (True, 0.0)
+
+
+def test_the_row_of_a_room_has_the_largest_of_each_metric(flown: SeveralResult):
+    fleet = flown.several.fleet()
+    row, own = pooled_metrics(flown.log, fleet), {name: flat(metrics(flown.log.ship(name))) for name in fleet}
+    # One moves and one does not: their errors differ.
+    assert own["a"]["rmse.x"] > own["b"]["rmse.x"]
+    for key in ("rmse.x", "rmse.y", "max_abs_error.z"):
+        assert row[key] == max(own["a"][key], own["b"][key])
+    assert row["arrived"] == 2
+
+
+def test_who_has_ended_stays_where_it_was(flown: SeveralResult):
+    a, b = (flown.log.ship(name) for name in "ab")
+    early = replace(a, messages={**a.messages, "/truth": Messages(*(column[:50] for column in a.messages["/truth"]))})
+    time, position = flown_paths({"a": early, "b": b})["a"]
+    assert len(time) == len(position) == 51
+    assert time[-1] == pytest.approx(3.0)
+    np.testing.assert_array_equal(position[-1], position[-2])
 
 
 class Late:
