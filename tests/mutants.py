@@ -107,7 +107,8 @@ hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstanda
 EQUIVALENT = {
     (
         "heli_twin/metrics/contact.py",
-        "near = (np.hypot(apart[..., 0], apart[..., 1]) < 2.0 * RADIUS_M) & (np.abs(apart[..., 2]) <= BELOW_M + ABOVE_M)",
+        "near = (np.hypot(apart[..., 0], apart[..., 1]) < 2.0 * RADIUS_M)"
+        " & (np.abs(apart[..., 2]) <= BELOW_M + ABOVE_M)",
     ): "differs only for a height equal to the limit in all digits",
     (
         "heli_twin/metrics/several.py",
