@@ -188,13 +188,13 @@ def checked_fleet(several: Several) -> Several:
             checked(experiment)
             if isinstance(experiment.controller, External):
                 require_program(experiment.controller)
-            _check_fence(experiment)
+            _check_fence(experiment, hasattr(several.coordination, "half_width"))
         except ExperimentError as error:
             raise ExperimentError(f"ships.{name}: {error}") from None
     return several
 
 
-def _check_fence(experiment: Experiment) -> None:
+def _check_fence(experiment: Experiment, planners_too: bool) -> None:
     """Refuse a flight that begins or ends where its supervisor lands it: a room of many is larger than that of one."""
     fence = getattr(experiment.supervisor, "half_width", None)
     ends = experiment.trajectory.flat(np.array([0.0, experiment.duration])).z[:, :2]
@@ -203,7 +203,7 @@ def _check_fence(experiment: Experiment) -> None:
         raise ExperimentError(
             f"supervisor.half_width = {fence:g} m, but the trajectory begins or ends {farthest:.2f} m north or west of"
             f" the middle, where it would land: write supervisor.half_width={farthest + 0.5:.1f}, and as much for"
-            " volume.half_width and coordination.half_width"
+            f" volume.half_width{' and coordination.half_width' * planners_too}"
         )
 
 

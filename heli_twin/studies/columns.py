@@ -131,7 +131,8 @@ def check_metrics(names: Iterable[str], requirements: Iterable[str] = (), *, tog
     Raises:
         StudyError: Suggests the right one.
     """
-    known = (*metric_names(), *(several_metric_names() if together else ()), *map(excess, requirements))
+    of_room = several_metric_names() if together else ()
+    known = (*metric_names(), *of_room, "real_time_factor", *map(excess, requirements))
     for name in names:
         if name not in known:
             raise StudyError(f"unknown metric {instead(name, known)}")
