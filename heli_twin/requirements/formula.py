@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from controllers.signals import Array
 
@@ -209,6 +208,9 @@ class Always(Formula):
 
     def robustness(self, trace: Trace, scale: Scale) -> Array:
         """The extreme of a window that moves along."""
+        # A heavy import, which studies without requirements and formulas without time do without.
+        from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
         first, last = self.interval.samples(trace)
         nothing = -np.inf if self.some else np.inf
         n, width = trace.length, last - first + 1
