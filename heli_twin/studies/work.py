@@ -5,7 +5,7 @@ from io import BytesIO
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from heli_twin.experiment.families import GROUPS, all_members
+from heli_twin.experiment.families import DESIGNS, GROUPS, all_members
 from heli_twin.studies.flight_code import code_hash, code_parts, file_hash
 from heli_twin.workers.engine import Trouble, Work
 from heli_twin.workers.task import Flown, Task
@@ -20,7 +20,7 @@ OTHER_CODE = "other code"
 """The outcome of a run that a worker refuses, since its code is not the driver's."""
 
 file_hash()
-for family in GROUPS:
+for family in GROUPS.keys() - {DESIGNS}:
     # Both are kept by this process from its start on: what is hashed is what flies.
     dict(all_members(family))
 
