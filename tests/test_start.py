@@ -45,3 +45,8 @@ def test_a_flight_loads_the_members_that_it_has_and_nothing_that_studies_and_pic
     # The external law is also what a flight asks for its program.
     members = {name for name in found if name.startswith(("controllers.laws.", "heli_twin.lab.faults."))}
     assert members == {"controllers.laws.ltv_mpc", "controllers.laws.external"}
+
+
+def test_a_worker_loads_no_scipy_for_a_study_without_requirements():
+    run = "import heli_twin.studies.columns, heli_twin.studies.work"
+    assert not loaded(PROBE.format(run)) & {"rerun", "pyarrow", "matplotlib", "plotly", "optuna", "scipy", "duckdb"}
