@@ -38,12 +38,14 @@ class Told(NamedTuple):
     asker: str
     """For whom it asks: itself, or the one for which it steps aside."""
     is_down: bool
-    """It does not fly its plan: its supervisor has taken over. The plan is to stay where it is."""
+    """Its supervisor has taken over to stop or land it. The plan is to stay where it is."""
+    lost: float = np.inf
+    """Time of the newest picture, s, if its cameras have lost it; infinite if they see it."""
 
     @property
     def size(self) -> int:
-        """Bytes of it on a network: knots in single precision, and twelve further numbers."""
-        return 4 * self.plan.knots.size + 48
+        """Bytes of it on a network: knots in single precision, and thirteen further numbers."""
+        return 4 * self.plan.knots.size + 52
 
 
 class Manners(NamedTuple):

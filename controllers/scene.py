@@ -37,6 +37,10 @@ class Scene(NamedTuple):
     """(j, t - 1) distance to keep from each during each chord, m."""
     in_danger: Mask
     """(j,) whether the own plan leads to one that has left its plan to land."""
+    pressed: Mask
+    """(j,) whether the own plan is nearer than wanted to one that lands or that its cameras have lost."""
+    push: float
+    """Acceleration at which plans move away from those, m/s^2."""
     unheard: list[str]
     """Those whose newest turns have not been heard."""
 
@@ -54,7 +58,8 @@ class Scene(NamedTuple):
     def half_spaces(self, near: Mask, turn: float, steps: int, braking: float) -> HalfSpaces | None:
         """Return lines between the own old plan and those of others, turned so that all pass on the right.
 
-        The old plan is behind each, so that it stays feasible; from one that lies ahead all that braking allows.
+        The old plan is behind each, so that it stays feasible, but for those that it has to move away from; from one
+        that lies ahead all that braking allows.
 
         Args:
             near: (j,) from whom to keep away.
@@ -81,6 +86,8 @@ class Scene(NamedTuple):
                 # As hard as it can brake, and then away.
                 t, closing = self.h * k, (normals * self.old[1, 1, :2]).sum(axis=1)
                 kept += closing * t + 0.5 * braking * t**2
+            elif self.pressed[j]:
+                kept += 0.5 * self.push * (self.h * k) ** 2
             sides.append((k, normals, (normals * there).sum(axis=1) + np.minimum(keep, kept)))
         if not sides:
             return None

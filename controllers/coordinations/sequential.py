@@ -27,9 +27,9 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.coordinations import CommittedPlan, Message, Note, Outcome, Ship
+from controllers.emergency import STOPS, berth_of, lost_since, strayed
 from controllers.plan_qp import Effort, PlanQp
 from controllers.right_of_way import UNHEARD, Manners, RightOfWay, Told
-from controllers.rotations import rotate_to_world
 from controllers.scene import Mask, Scene
 from controllers.separation import FINE, bend_of, distances, fine_path, knots_from, reach
 from controllers.signals import Array, Estimate, nanoseconds
@@ -38,10 +38,12 @@ from controllers.wish_plan import WishPlan
 
 ALLOWANCE = 1.5
 """The wish may need this multiple of the limits on plans: it is flown as it is where it is clear."""
+STOP = 1.4
+"""Who cannot go on stops at this multiple of the acceleration of plans: harder stops no model tells."""
 HASTE = 2.0
 """Who is in danger may need this multiple of the acceleration of plans."""
-SEEN_NS = 300_000_000
-"""Age of a pose up to which the estimate says where the helicopter is; later, it is where it was planned to be."""
+PUSHES = (0.5, 0.15, 0.0)
+"""Shares of the acceleration of plans at which to move away from one that cannot go on, tried in this order."""
 NEAR_M = 0.4
 """Others that come nearer than the distance to keep and this are in the first QP; further ones if need be."""
 
@@ -73,6 +75,9 @@ class Sequential:
         0.25
     )
     berth: Annotated[float, Ge(0), Le(10), Unit("m"), doc("further distance from one that lands in an emergency")] = 0.2
+    drift: Annotated[
+        float, Ge(0), Le(10), Unit("m/s^2"), doc("acceleration of a gust, which moves one that its cameras have lost")
+    ] = 0.25
     half_width: Annotated[float, Gt(0), Unit("m"), doc("nobody steps aside further than this, north and west")] = 2.0
     copies: Annotated[int, Ge(1), Le(20), doc("how often each message is sent")] = 3
     gossip: Annotated[Literal["on", "off"], doc("messages pass on the newest plans of others too")] = "on"
@@ -116,24 +121,21 @@ class SequentialPlanner:
 
     def act(self, now: int, estimate: Estimate | None, is_flying: bool) -> Sequence[Message]:
         """Plan, commit, and tell the others."""
-        scene, turn = self._scene(), self._turn
+        lost = lost_since(now, estimate)
+        told = Told(self._turn, self.committed, (0.0, 0.0), 0.0, self._name, not is_flying, lost)
+        if is_flying and lost == np.inf:
+            told = self._fly(told)
+        else:
+            self._stop(None if is_flying or lost < np.inf else strayed(self.committed, estimate))
         self._turn += 1
         self.due = self._turns.time(self._index, self._turn)
-        told = Told(turn, self.committed, (0.0, 0.0), 0.0, self._name, not is_flying)
-        if is_flying:
-            told = self._fly(scene, told)
-        else:
-            is_seen = estimate is not None and now - estimate.pose_stamp <= SEEN_NS
-            state = _state(estimate) if estimate is not None and is_seen else scene.old[1]
-            self._commit(scene, self._own.stop(state, self._spec.acceleration))
-            self.note = Note("committed", "stays where its supervisor has taken it")
         body = {self._name: told._replace(plan=self.committed)} | (self._heard if self._spec.gossip == "on" else {})
         return [Message(self._name, now, body, sum(each.size for each in body.values()))] * self._spec.copies
 
     def _commit(self, scene: Scene, knots: Array) -> None:
         self.committed = CommittedPlan((scene.first - 1) * self._step, self._step, knots)
 
-    def _scene(self) -> Scene:
+    def _scene(self, push: float) -> Scene:
         spec, L, h = self._spec, self._own.longest, self._spec.period
         g = self._turns.departs(self._index, self._turn)
         names = [name for name in self._names if name != self._name]
@@ -141,27 +143,30 @@ class SequentialPlanner:
         knots = np.array([knots_from(told.plan, g - 1, L + 2)[:, :, :2] for told in heard]).reshape(-1, L + 2, 3, 2)
         paths, old = fine_path(knots, h), knots_from(self.committed, g - 1, L + 2)
         wide = np.full((len(names), paths.shape[1] - 1), spec.distance)
-        in_danger, unheard = np.zeros(len(names), bool), list[str]()
-        for j in np.flatnonzero([told.is_down for told in heard]):
-            kept = distances(fine_path(old, h), paths[j : j + 1], self._bend)[0]
-            in_danger[j] = kept.min() < spec.distance
-            if not in_danger[j]:
-                # Who is too near already, comes no nearer.
-                wide[j] = np.minimum(spec.distance + spec.berth, kept - 1e-9)
-        # The end of each chord: there the reach is greater.
-        t = (g - 1 + np.arange(1, wide.shape[1] + 1) / FINE) * h
+        in_danger, pressed, unheard = np.zeros(len(names), bool), np.zeros(len(names), bool), list[str]()
+        # Of each chord, from the start of the grid on, and where plans can be new.
+        ends = (g - 1 + np.arange(1, wide.shape[1] + 1) / FINE) * h
+        since = np.maximum(ends - (g + 1 / FINE) * h, 0.0)
         for j, (name, told) in enumerate(zip(names, heard, strict=True)):
+            further = berth_of(told, ends, spec.berth, spec.drift)
+            if further.any():
+                kept = distances(fine_path(old, h), paths[j : j + 1], self._bend)[0]
+                in_danger[j] = kept.min() < spec.distance
+                pressed[j] = not in_danger[j] and bool((kept < wide[j] + further).any())
+                if not in_danger[j]:
+                    # Who is too near already moves away.
+                    wide[j] = np.minimum(wide[j] + further, kept + 0.5 * push * since**2 - 1e-9)
             index = self._names.index(name)
             newest = self._turn if index < self._index else self._turn - 1
             if told.turn < newest:
                 unheard.append(name)
                 parts, rests = (self._turns.departs(index, turn) for turn in (told.turn + 1, newest))
-                wide[j] += reach(t - h * parts, h * (rests + L - parts), HASTE * spec.acceleration)
-        return Scene(g, h, self._bend, old, names, knots[:, :, 0], paths, wide, in_danger, unheard)
+                wide[j] += reach(ends - h * parts, h * (rests + L - parts), HASTE * spec.acceleration)
+        return Scene(g, h, self._bend, old, names, knots[:, :, 0], paths, wide, in_danger, pressed, push, unheard)
 
-    def _fly(self, scene: Scene, told: Told) -> Told:
+    def _fly(self, told: Told) -> Told:
         """Commit a new plan if there is a clear one; return what to tell: where it wants to be, and whether it asks."""
-        turn, began = told.turn, perf_counter_ns()
+        turn, began, scene = told.turn, perf_counter_ns(), self._scene(PUSHES[0] * self._spec.acceleration)
         target = self._own.wish.flat(scene.h * (scene.first + np.arange(1, self._spec.steps + 1, dtype=np.float64))).z
         way = float(np.hypot(*(target[-1, :2] - scene.here)))
         asked = self._way.aside(turn, scene, self._heard, way)
@@ -169,13 +174,47 @@ class SequentialPlanner:
             target[:, :2] = asked[0]
         goal = target[-1, :2].copy()
         is_stuck = self._way.stands(turn, scene, goal, self.note.reason)
-        outcome, reason, iterations = (
-            self._save(scene) if scene.in_danger.any() else self._choose(scene, target, not asked)
-        )
+        if scene.in_danger.any():
+            outcome, reason, iterations = self._save(scene)
+        else:
+            outcome, reason, iterations = self._choose(scene, target.copy(), not asked)
+            for push in PUSHES[1:] if scene.pressed.any() else ():
+                if outcome != "committed":
+                    outcome, reason, more = self._choose(
+                        self._scene(push * self._spec.acceleration), target.copy(), not asked
+                    )
+                    iterations += more
         self.note = Note(outcome, reason, is_stuck, iterations, perf_counter_ns() - began if iterations else 0)
         asks = self._way.asks(turn, scene, goal)
         way, asker = (asked[1].way, asked[1].asker) if asked else (way, self._name)
         return told._replace(goal=(float(goal[0]), float(goal[1])), way=way if asks else 0.0, asker=asker)
+
+    def _stop(self, state: Array | None) -> None:
+        """Commit a way to rest: of one that is not on its plan, from its state (3, 4); else one that is clear."""
+        scene, spec = self._scene(0.0), self._spec
+        if state is not None:
+            self._commit(scene, self._own.stop(state, spec.acceleration))
+            self.note = Note("committed", "stays where its supervisor has taken it")
+            return
+        if self.note.reason == STOPS:
+            self.note = Note("kept", STOPS)
+            return
+        allowed = np.where(scene.in_danger, np.minimum(scene.room(scene.old), 0.0), 0.0)
+        straight = np.concatenate([scene.old[:1], self._own.stop(scene.old[1], STOP * spec.acceleration)[:-1]])
+        old, target = scene.old[1 : spec.steps + 2], np.tile(straight[-1, 0, :2], (spec.steps, 1))
+        self.note = Note("kept", "no room to stop")
+        for near in (None, scene.room(scene.old) < NEAR_M, np.ones(len(scene.names), bool)):
+            knots, iterations = straight, 0
+            if near is not None:
+                sides = scene.half_spaces(near, 0.0, spec.steps, HASTE * spec.acceleration)
+                plane, iterations = self._escape(old[:, :, :2], target, sides), self._escape.iterations
+                if plane is None:
+                    continue
+                knots = self._own.whole(scene.old[0], np.concatenate([plane, straight[1 : spec.steps + 2, :, 2:]], axis=2))
+            if (scene.room(knots) >= allowed).all():
+                self._commit(scene, knots)
+                self.note = Note("committed", STOPS, False, iterations)
+                return
 
     def _choose(self, scene: Scene, target: Array, is_free: bool) -> tuple[Outcome, str, int]:
         """Commit the first candidate that is clear; return the outcome, its reason and ProxQP's iterations."""
@@ -204,7 +243,7 @@ class SequentialPlanner:
             if (np.abs(wished[:, 1:, :2]) <= most[:, None] + 1e-9).all():
                 yield what, self._own.whole(scene.old[0], wished), 0
         near = scene.room(scene.old) < NEAR_M
-        heading = self._way.heading_for(self._turn - 1, scene, target[-1, :2])
+        heading = self._way.heading_for(self._turn, scene, target[-1, :2])
         if not np.array_equal(heading, target[-1, :2]):
             target[:, :2] = heading
         while True:
@@ -297,10 +336,3 @@ def _too_near(plans: Mapping[str, CommittedPlan], spec: Sequential) -> list[tupl
         near = distances(paths[i], paths[i + 1 :], bend).min(axis=1) < spec.distance
         pairs += [(one, names[i + 1 + j]) for j in np.flatnonzero(near)]
     return pairs
-
-
-def _state(estimate: Estimate) -> Array:
-    """Position, velocity in the world and no acceleration of an estimate, (3, 4)."""
-    state = np.stack([estimate.x[:4], estimate.x[4:8], np.zeros(4)])
-    state[1, :2] = rotate_to_world(estimate.x[4:6], estimate.x[3])
-    return state

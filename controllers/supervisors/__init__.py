@@ -4,7 +4,7 @@ A supervisor sees what the ground station sees: estimates, the age of the poses 
 solved, and its own commands. It never sees the truth.
 """
 
-from typing import Literal, NamedTuple, Protocol, get_args
+from typing import Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 from controllers.model import Model
 from controllers.signals import Command, Estimate, Reference
@@ -64,6 +64,16 @@ class Supervisor(Protocol):
     def sent(self, command: Command) -> None:
         """Take note of the command that was sent, and of how its control problem was solved."""
         ...
+
+
+@runtime_checkable
+class LandsOnPlan(Protocol):
+    """A supervisor that can stop and land along the plan, in place of where the helicopter is.
+
+    For several helicopters in one room, whose planners bring a helicopter that cannot go on to rest, clear of others.
+    """
+
+    lands_on_plan: bool
 
 
 class SupervisorSpec(Protocol):

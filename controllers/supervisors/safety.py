@@ -84,6 +84,8 @@ class SafetySupervisor:
         )
         self._seen_descent = self._descent._replace(sink_speed=spec.seen_sink_speed)
         self.phase: Phase = "ready"
+        self.lands_on_plan = False
+        """Whether it stops and lands along the plan, which a planner brings to rest; else where it is."""
         self._has_begun = False
         self._place = np.zeros(4)
         self._speed = 0.0
@@ -230,7 +232,7 @@ class SafetySupervisor:
         # To the floor: the first poses after a blind fall leave its speed uncertain, and there is no time to find it.
         self._fell_blind |= is_blind and self.phase == "landing"
         is_blind |= self._fell_blind
-        reference = hold(self._model, plan.stamp, len(plan.u), self._place)
+        reference = self._held(plan)
         if self.phase == "landing":
             descent = self._descent if is_blind else self._seen_descent
             reference = descend(reference, self._model, descent, self._speed, self._period)
@@ -252,6 +254,14 @@ class SafetySupervisor:
         if estimate is not None and self._has_solver:
             return Order(reference, thrust=float(u[2]))
         return Order(command=Command(now, u))
+
+    def _held(self, plan: Reference) -> Reference:
+        """Return the place in the plane where it stops, or the plan there, at the height that it has come down to."""
+        if not self.lands_on_plan:
+            return hold(self._model, plan.stamp, len(plan.u), self._place)
+        x, u = plan.x.copy(), plan.u.copy()
+        x[:, 2], x[:, 6], u[:, 2] = self._place[2], 0.0, self._model.u_hover[2]
+        return Reference(plan.stamp, x, u)
 
     def _on_the_floor(self, now: int) -> Command:
         """Start the motors, or stop them.

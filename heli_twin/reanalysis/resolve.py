@@ -22,6 +22,7 @@ from controllers.laws import Controller, closed_after, flat_derivatives, preview
 from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
 from controllers.reference import ReferencePreview, with_flat
 from controllers.signals import Array, Command, Estimate, Pose, QpReport, Reference, nanoseconds
+from controllers.supervisors import LandsOnPlan
 from controllers.trajectories import Trajectory
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
@@ -143,7 +144,10 @@ def _answers_of(controller: Controller, log: Log, experiment: Experiment) -> Ite
         try:
             if (known := int(np.searchsorted(log.battery.time, t, side="right"))) > 0:
                 supervisor.battery(float(log.battery.voltage[known - 1]))
-            order = supervisor.order(int(t), estimate, planned.at(int(t))(estimate.stamp, law.steps))
+            preview = planned.at(int(t))
+            if isinstance(supervisor, LandsOnPlan):
+                supervisor.lands_on_plan = planned.is_committed
+            order = supervisor.order(int(t), estimate, preview(estimate.stamp, law.steps))
             if order.command or not order.reference:
                 yield order.command or safe_hover(law.model, int(t))
             else:
@@ -181,6 +185,8 @@ class Planned:
     ) -> None:
         self._committed, self._trajectory, self._preview = committed, trajectory, preview
         self._next, self._now = 0, preview(trajectory)
+        self.is_committed = False
+        """Whether the references are those of a committed plan, which ends at rest."""
 
     def at(self, t: int) -> ReferencePreview:
         """Return the references at t, ns; the times of calls must not decrease."""
@@ -188,7 +194,8 @@ class Planned:
         while self._next < len(self._committed) and self._committed[self._next].time <= t:
             self._next += 1
         if self._next > before:
-            self._now = self._preview(self._committed[self._next - 1].plan or self._trajectory)
+            plan = self._committed[self._next - 1].plan
+            self._now, self.is_committed = self._preview(plan or self._trajectory), plan is not None
         return self._now
 
 

@@ -12,11 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.coordinations import Planner, Ship
+from controllers.coordinations import CommittedPlan, Planner, Ship
 from controllers.errors import LawFailed
 from controllers.laws import closed_after
 from controllers.reference import BLOCK_SAMPLES
 from controllers.signals import Estimate
+from controllers.supervisors import LandsOnPlan
 from controllers.trajectories import fitted
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.several import Several
@@ -155,6 +156,8 @@ class Room:
     def follow(self, name: str) -> None:
         """Let a helicopter fly what its planner has committed to."""
         flight, planner, wires = self.stations[name]
+        if isinstance(flight.supervisor, LandsOnPlan):
+            flight.supervisor.lands_on_plan = isinstance(planner.committed, CommittedPlan)
         flight.follow(planner.committed, PLAN_SAMPLES if self.now else BLOCK_SAMPLES)
         wires.path(self.now, planner.committed)
 

@@ -9,7 +9,7 @@ import numpy as np
 from controllers.coordinations import Coordination, Planner, Ship
 from controllers.coordinations.sequential import Sequential
 from controllers.model import Model
-from controllers.signals import Array
+from controllers.signals import Array, Estimate
 from controllers.trajectories import Trajectory
 from controllers.trajectories.waypoints import Waypoints
 from heli_twin.lab.chance import generator
@@ -88,7 +88,7 @@ def meet(
         for delivery in link.arrived(now):
             planners[delivery.receiver].receive(delivery.at, delivery.message)
         before = planner.committed
-        for message in planner.act(now, None, flies(name, now)):
+        for message in planner.act(now, seen(planner.committed, now), flies(name, now)):
             meeting.bytes_sent += message.size
             link.send(now, message)
         meeting.notes.append((now, name, planner.note))
@@ -96,6 +96,12 @@ def meet(
             meeting.promised = min(
                 meeting.promised, _nearest(planner, [p for p in planners.values() if p is not planner], now)
             )
+
+
+def seen(plan: Trajectory, now: int) -> Estimate:
+    """The estimate of a helicopter that is where its plan is, of a picture of now (ns)."""
+    flat = plan.flat(np.array([1e-9 * now]))
+    return Estimate(now, np.concatenate([flat.z[0], flat.dz[0]]), np.zeros(4), np.zeros(12), now, 0)
 
 
 def _nearest(planner: Planner, others: Sequence[Planner], now: int) -> float:
