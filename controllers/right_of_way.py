@@ -13,6 +13,8 @@ from controllers.wish_plan import FREE, JOINS
 
 NEAR_M = 0.1
 """Who is nearer to where it wants to be asks nobody to step aside."""
+HOME_M = 0.15
+"""Who has come nearer to its wish than this has arrived, and asks for no more than what is left, if it is sent away."""
 NO_PROGRESS, PROGRESS_M = 5, 0.2
 """Who has not come nearer by so much in this multiple of its patience asks too: it goes to and fro."""
 RIGHT_RAD = 0.7
@@ -21,7 +23,9 @@ AHEAD_M, AHEAD_SHARE = 1.0, 0.5
 """Who comes ahead by less than this share of this length, or of the rest of its way, has no way ahead."""
 UNHEARD = "no current plan of"
 """Beginning of the reason in the note of a turn in which news of another were missing."""
-ASKS_S, YIELDS_S = 2.0, 1.0
+LAST = (1 << 62, "")
+"""Who does not ask comes after all that do."""
+ASKS_S, YIELDS_S = 1.0, 0.5
 """Durations, s, of a request after a helicopter has stood, and of a sidestep after a request."""
 
 
@@ -33,8 +37,8 @@ class Told(NamedTuple):
     plan: CommittedPlan
     goal: tuple[float, float]
     """Target at the end of the plan, world x y, m: on the wish, or where it steps aside to."""
-    way: float
-    """Way to go of the one for which it asks others to step aside, m; 0 if it does not ask."""
+    since: int
+    """Turn in which the one for which it asks others to step aside first asked; -1 if it does not ask."""
     asker: str
     """For whom it asks: itself, or the one for which it steps aside."""
     is_down: bool
@@ -63,6 +67,19 @@ class Manners(NamedTuple):
     """Nobody steps aside further than this from the middle of the room, m."""
 
 
+class Yield(NamedTuple):
+    """A sidestep."""
+
+    place: Array
+    """(2,) where to, m."""
+    side: float
+    """On the left of the way of who asks (1), or on the right (-1)."""
+    rank: tuple[int, str]
+    """Turn in which the one that is made way for first asked, and its name: the lowest goes first."""
+    until: int
+    """Turn at which it ends, if nobody asks again."""
+
+
 class RightOfWay:
     """Where one helicopter heads for, given what the others ask.
 
@@ -76,8 +93,9 @@ class RightOfWay:
         self._places: list[Array] = []
         """Where it was in its last turns."""
         self._asks_until = -1
-        self._yields: tuple[Told, float, int] | None = None
-        """To whom, on which side, and until which turn."""
+        self.since = -1
+        """Turn in which it first asked on this way; -1 if it has not, or has arrived."""
+        self._yields: Yield | None = None
         self._goes_round: tuple[str, float] | None = None
         """Whom, and on which side."""
 
@@ -85,19 +103,22 @@ class RightOfWay:
         """Return whether it asks others to step aside from its way to a goal (2,)."""
         return turn <= self._asks_until and np.hypot(*(goal - scene.here)) >= NEAR_M
 
-    def stands(self, turn: int, scene: Scene, goal: Array, reason: str) -> bool:
+    def stands(self, turn: int, scene: Scene, goal: Array, home: Array, reason: str) -> bool:
         """Return whether it has stood, or come no nearer, for a while where it does not want to be; then it asks.
 
         Args:
             turn: Number of this turn.
             scene: What it knows.
-            goal: (2,) where it wants to be, m.
+            goal: (2,) where it heads for, m: on its wish, or aside.
+            home: (2,) where its wish is then.
             reason: Of its last note: who flies its wish does not stand, but starts, and who waits for news asks nobody.
         """
         m, here = self._manners, scene.here
         patience = max(1, round(m.patience / m.period))
         if reason in (FREE, JOINS) or reason.startswith(UNHEARD) or np.hypot(*(goal - here)) < NEAR_M:
             self._places = []
+        if reason in (FREE, JOINS) or np.hypot(*(home - here)) < HOME_M:
+            self.since = -1
         self._places = [*self._places[-NO_PROGRESS * patience :], here]
         places = np.array(self._places)
         rests = np.abs(scene.old[1:4, 1, :2]).max() < 0.03 and len(places) > patience
@@ -105,44 +126,47 @@ class RightOfWay:
         if len(places) > NO_PROGRESS * patience:
             stands |= bool(np.hypot(*(goal - places[0])) - np.hypot(*(goal - here)) < PROGRESS_M)
         if stands:
+            self.since = turn if self.since < 0 else self.since
             self._asks_until = turn + round(ASKS_S / m.period)
         return stands
 
-    def aside(self, turn: int, scene: Scene, heard: Mapping[str, Told], way: float) -> tuple[Array, Told] | None:
-        """Return where to step aside to (2,), and who asks; None if nobody does.
+    def aside(self, turn: int, scene: Scene, heard: Mapping[str, Told]) -> "Yield | None":
+        """Return where it steps aside to, and for whom; None if nobody asks it to.
 
         Args:
             turn: Number of this turn.
             scene: What it knows.
             heard: Of each other.
-            way: Own way to go, m.
         """
         m = self._manners
-        mine = (way, self._name) if turn <= self._asks_until else (0.0, "")
-        if self._yields and turn > self._yields[2]:
+        mine = (self.since, self._name) if 0 <= self.since and turn <= self._asks_until else LAST
+        if self._yields and turn > self._yields.until:
             self._yields = None
         for j, name in enumerate(scene.names):
             told = heard[name]
-            if not told.way or told.asker == self._name or (told.way, told.asker) <= mine:
+            rank = (told.since, told.asker)
+            if told.since < 0 or told.asker == self._name or rank > mine:
                 continue
-            if self._yields and self._yields[0].way > told.way and self._yields[0].asker != told.asker:
+            if self._yields and self._yields.rank < rank:
                 continue
-            ahead, sideways, _ = _seen_from(scene.knots[j, 1], told.goal, scene.here)
+            way = scene.knots[j, 1], told.goal
+            ahead, sideways, _ = _seen_from(*way, scene.here)
             if ahead > 0.0 and np.hypot(ahead, sideways) < m.distance + m.aside:
                 side = 1.0 if sideways > 0.01 else -1.0
-                if self._yields and self._yields[0].asker == told.asker:
-                    side = self._yields[1]
-                self._yields = told, side, turn + round(YIELDS_S / m.period)
-        return self._place_beside(scene, *self._yields[:2]) if self._yields else None
+                if self._yields and self._yields.rank == rank:
+                    side = self._yields.side
+                place = self._place_beside(*way, scene.here, side)
+                self._yields = Yield(place, side, rank, turn + round(YIELDS_S / m.period))
+        return self._yields
 
-    def _place_beside(self, scene: Scene, told: Told, side: float) -> tuple[Array, Told]:
-        """Return the place beside the way of who asks: on that side, or on the other where the room ends."""
-        m, start = self._manners, knots_from(told.plan, scene.first, 1)[0, 0, :2]
-        ahead, sideways, along = _seen_from(start, told.goal, scene.here)
+    def _place_beside(self, start: Array, goal: tuple[float, float], here: Array, side: float) -> Array:
+        """Return the place (2,) beside a way: on the left (1) or right (-1), on the other side where the room ends."""
+        m = self._manners
+        ahead, sideways, along = _seen_from(start, goal, here)
         across = np.array([-along[1], along[0]])
         first, other = (start + ahead * along + s * max(s * sideways, m.distance + 0.1) * across for s in (side, -side))
         place = first if np.abs(first).max() <= m.half_width else other
-        return np.clip(place, -m.half_width, m.half_width), told
+        return np.clip(place, -m.half_width, m.half_width)
 
     def heading_for(self, turn: int, scene: Scene, goal: Array) -> Array:
         """Return where to head for (2,): a goal, or beside the first that stands in the way, or to the right.

@@ -109,7 +109,7 @@ class SequentialPlanner:
         self._way = RightOfWay(ship, manners)
         first = before_take_off(ships, spec)
         self.committed = first.pop(ship)
-        self._heard = {name: Told(-1, plan, (0.0, 0.0), 0.0, name, False) for name, plan in first.items()}
+        self._heard = {name: Told(-1, plan, (0.0, 0.0), -1, name, False) for name, plan in first.items()}
         self._turn, self.due, self.note = 0, self._turns.time(self._index, 0), Note("kept")
 
     def receive(self, now: int, message: Message) -> None:
@@ -122,7 +122,7 @@ class SequentialPlanner:
     def act(self, now: int, estimate: Estimate | None, is_flying: bool) -> Sequence[Message]:
         """Plan, commit, and tell the others."""
         lost = lost_since(now, estimate)
-        told = Told(self._turn, self.committed, (0.0, 0.0), 0.0, self._name, not is_flying, lost)
+        told = Told(self._turn, self.committed, (0.0, 0.0), -1, self._name, not is_flying, lost)
         if is_flying and lost == np.inf:
             told = self._fly(told)
         else:
@@ -168,12 +168,12 @@ class SequentialPlanner:
         """Commit a new plan if there is a clear one; return what to tell: where it wants to be, and whether it asks."""
         turn, began, scene = told.turn, perf_counter_ns(), self._scene(PUSHES[0] * self._spec.acceleration)
         target = self._own.wish.flat(scene.h * (scene.first + np.arange(1, self._spec.steps + 1, dtype=np.float64))).z
-        way = float(np.hypot(*(target[-1, :2] - scene.here)))
-        asked = self._way.aside(turn, scene, self._heard, way)
+        home = target[-1, :2].copy()
+        asked = self._way.aside(turn, scene, self._heard)
         if asked:
-            target[:, :2] = asked[0]
+            target[:, :2] = asked.place
         goal = target[-1, :2].copy()
-        is_stuck = self._way.stands(turn, scene, goal, self.note.reason)
+        is_stuck = self._way.stands(turn, scene, goal, home, self.note.reason)
         if scene.in_danger.any():
             outcome, reason, iterations = self._save(scene)
         else:
@@ -186,8 +186,8 @@ class SequentialPlanner:
                     iterations += more
         self.note = Note(outcome, reason, is_stuck, iterations, perf_counter_ns() - began if iterations else 0)
         asks = self._way.asks(turn, scene, goal)
-        way, asker = (asked[1].way, asked[1].asker) if asked else (way, self._name)
-        return told._replace(goal=(float(goal[0]), float(goal[1])), way=way if asks else 0.0, asker=asker)
+        since, asker = asked.rank if asked else (self._way.since, self._name)
+        return told._replace(goal=(float(goal[0]), float(goal[1])), since=since if asks else -1, asker=asker)
 
     def _stop(self, state: Array | None) -> None:
         """Commit a way to rest: of one that is not on its plan, from its state (3, 4); else one that is clear."""
