@@ -1,8 +1,8 @@
 """One helicopter that cannot go on: how it stops on its plan, and how far others then keep away.
 
-Whoever loses its cameras flies on by what it believes of itself, and is pushed away by gusts that nobody sees: in the age
-t of its newest picture by up to a t^2 / 2, where the acceleration a is that of the strongest gust. It still flies its
-plan to within that, as long as the plan is gentle: what a hard stop does, no model tells to a decimetre.
+One that its cameras have lost flies on by what it believes of itself, and gusts that nobody sees push it away: in the
+age t of its newest picture by up to a t^2 / 2, where the acceleration a is that of the strongest gust. To within that
+it still flies its plan, as long as the plan is gentle: what a hard stop does, no model tells to a decimetre.
 """
 
 import numpy as np

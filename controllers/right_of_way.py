@@ -7,7 +7,6 @@ import numpy as np
 
 from controllers.committed_plan import CommittedPlan
 from controllers.scene import Scene
-from controllers.separation import knots_from
 from controllers.signals import Array
 from controllers.wish_plan import FREE, JOINS
 
@@ -139,7 +138,7 @@ class RightOfWay:
             heard: Of each other.
         """
         m = self._manners
-        mine = (self.since, self._name) if 0 <= self.since and turn <= self._asks_until else LAST
+        mine = (self.since, self._name) if self.since >= 0 and turn <= self._asks_until else LAST
         if self._yields and turn > self._yields.until:
             self._yields = None
         for j, name in enumerate(scene.names):

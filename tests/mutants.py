@@ -65,7 +65,10 @@ OTHER_NAMES = {
         "controllers/test_trajectories.py",
     ],
     **{
-        f"controllers/{name}.py": ["coordinations/test_sequential.py", f"coordinations/test_{near}.py"]
+        f"controllers/{name}.py": [
+            "controllers/coordinations/test_sequential.py",
+            f"controllers/coordinations/test_{near}.py",
+        ]
         for name, near in {
             "right_of_way": "separation",
             "scene": "separation",
@@ -76,7 +79,7 @@ OTHER_NAMES = {
             "committed_plan": "committed_plan",
         }.items()
     },
-    "controllers/coordinations/sequential.py": ["coordinations/test_sequential.py"],
+    "controllers/coordinations/sequential.py": ["controllers/coordinations/test_sequential.py"],
     "heli_twin/metrics/several.py": ["metrics/test_several.py", "several/test_room.py"],
     "heli_twin/metrics/contact.py": ["metrics/test_several.py"],
     "heli_twin/lab/compute.py": ["lab/test_faults.py", "lab/test_chance.py", "flights/test_flights.py"],

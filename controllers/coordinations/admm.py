@@ -25,6 +25,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.coordinations import CommittedPlan, Message, Note, Ship
+from controllers.emergency import lost_since, strayed
 from controllers.plan_qp import Effort, PlanQp
 from controllers.separation import knots_from
 from controllers.signals import Array, Estimate, nanoseconds
@@ -123,8 +124,9 @@ class AdmmPlanner:
             if is_flying:
                 self._iterate(first, old)
             else:
-                here = old[1] if estimate is None else np.stack([estimate.x[:4], np.zeros(4), np.zeros(4)])
-                self._knots = self._own.stop(here, spec.acceleration)[: spec.steps + 1]
+                is_seen = lost_since(now, estimate) == np.inf
+                state = strayed(self.committed, estimate) if is_seen else None
+                self._knots = self._own.stop(old[1] if state is None else state, spec.acceleration)[: spec.steps + 1]
                 self._x = self._knots[1:, 0, :2]
             shift = self._x - self._wish(first)[:, :2] + self._y
             body = Iterate(self._period, self._round, self._x, shift, not is_flying)

@@ -10,12 +10,20 @@ that touch, and twice the error of the flight.
 
 **Nobody waits for ever, where there is room.** Planned around each other, helicopters stand still when each is in the
 way of the next. So those that move pass each other on the right. One that has stood for a while where it does not want
-to be, or has come no nearer, tells its way to go, and heads straight on. Who is near ahead of it and has less way to go
-steps aside, to the side where it stands, until the other has passed; if it stands itself while it steps aside, it asks
-in turn with the other's way to go instead of its own. Of all that ask, the one with the longest way (of equal ones, the
-last by name) never steps aside, so that those ahead of it do, and those behind them, as far as there is room: it moves
-on and arrives. A helicopter that has arrived has no way to go and gives way to all, so the number of those that have
-not arrived falls. There is no proof for a room so full that nobody can step aside.
+to be, or has come no nearer, asks, and heads straight on. Who is near ahead of it, and has not asked before it, steps
+aside to the side where it stands, until the other has passed; if it stands itself while it steps aside, it asks in turn
+for the other. Of all that ask, the one that asked first (of several, the first by name) never steps aside, so that
+those ahead of it do, and those behind them, as far as there is room: it moves on and arrives. Its right lasts until
+then, and who asks later comes later, so that each is the first one day. One that has arrived asks no more and gives way
+to all; sent away, it asks anew, after all others. There is no proof for a room so full that nobody can step aside.
+
+**Who cannot go on stops on its plan.** Its cameras have lost it, or its supervisor lands it. It commits to a short way
+to rest that is clear of all others; there is always one, its old plan. So nobody has to get out of its way, and the
+promise stays. Its supervisor stops and lands it along this plan: where a reference jumps, a blind helicopter brakes as
+hard as it can, which its model tells badly, and leaves the plan. Unseen, it is still pushed off its plan: by at most
+drift t^2 / 2, where t is the age of its newest picture, which it tells, and drift the acceleration of the strongest
+gust. So others keep this much further from its plan, up to `berth`, and those that are nearer already move away. It is
+on the floor, at the latest, when `berth` has been used up twice.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,6 +41,7 @@ from controllers.right_of_way import UNHEARD, Manners, RightOfWay, Told
 from controllers.scene import Mask, Scene
 from controllers.separation import FINE, bend_of, distances, fine_path, knots_from, reach
 from controllers.signals import Array, Estimate, nanoseconds
+from controllers.take_off import before_take_off
 from controllers.turns import Turns
 from controllers.wish_plan import WishPlan
 
@@ -99,7 +108,6 @@ class SequentialPlanner:
         self._index = self._names.index(ship)
         self._step = nanoseconds(spec.period)
         self._turns = Turns(max(self._step, nanoseconds(spec.hearing) * len(ships)), self._step, len(ships))
-        self._own = WishPlan(ships[self._index].wish, spec.period, spec.steps)
         self._bend = bend_of(ALLOWANCE * spec.acceleration, spec.period)
         self._plane = PlanQp(spec.steps, spec.period, 2, Effort(spec.speed, spec.acceleration))
         self._escape = PlanQp(spec.steps, spec.period, 2, Effort(spec.speed, HASTE * spec.acceleration, 0.002, 0.0))
@@ -107,7 +115,9 @@ class SequentialPlanner:
         self._heading = PlanQp(spec.steps, spec.period, 1, Effort(2.0, 6.0))
         manners = Manners(spec.period, spec.patience, spec.distance, spec.aside, spec.half_width)
         self._way = RightOfWay(ship, manners)
-        first = before_take_off(ships, spec)
+        wishes = {each.name: WishPlan(each.wish, spec.period, spec.steps) for each in ships}
+        self._own = wishes[ship]
+        first = before_take_off(wishes, self._step, spec.distance, self._bend)
         self.committed = first.pop(ship)
         self._heard = {name: Told(-1, plan, (0.0, 0.0), -1, name, False) for name, plan in first.items()}
         self._turn, self.due, self.note = 0, self._turns.time(self._index, 0), Note("kept")
@@ -210,7 +220,8 @@ class SequentialPlanner:
                 plane, iterations = self._escape(old[:, :, :2], target, sides), self._escape.iterations
                 if plane is None:
                     continue
-                knots = self._own.whole(scene.old[0], np.concatenate([plane, straight[1 : spec.steps + 2, :, 2:]], axis=2))
+                steps = np.concatenate([plane, straight[1 : spec.steps + 2, :, 2:]], axis=2)
+                knots = self._own.whole(scene.old[0], steps)
             if (scene.room(knots) >= allowed).all():
                 self._commit(scene, knots)
                 self.note = Note("committed", STOPS, False, iterations)
@@ -299,40 +310,3 @@ class SequentialPlanner:
             return "kept", "in danger", iterations
         self._commit(scene, best)
         return "committed", "in danger", iterations
-
-
-def before_take_off(ships: Sequence[Ship], spec: Sequential) -> dict[str, CommittedPlan]:
-    """Return the plans that all have committed at time 0: the wish and a stop, or to stay where wishes are too near.
-
-    Raises:
-        ValueError: Some start too near to each other.
-    """
-    step = nanoseconds(spec.period)
-    plans: dict[str, CommittedPlan] = {}
-    for ship in ships:
-        own = WishPlan(ship.wish, spec.period, spec.steps)
-        plans[ship.name] = CommittedPlan(0, step, own.wished(0, own.longest + 2))
-    waits = True
-    while waits and (pairs := _too_near(plans, spec)):
-        waits = False
-        for name in {each for pair in pairs for each in pair}:
-            knots = plans[name].knots
-            if not knots[0, 1:].any() and not np.array_equal(knots[0], knots[-1]):
-                plans[name], waits = plans[name]._replace(knots=np.repeat(knots[:1], len(knots), axis=0)), True
-    for one, other in _too_near(plans, spec):
-        apart = float(np.hypot(*(plans[one].knots[0, 0, :2] - plans[other].knots[0, 0, :2])))
-        raise ValueError(
-            f"{one} and {other} start {apart:.2f} m apart, and fly nearer than distance = {spec.distance:g} m"
-            ": start them further apart or at rest, or promise less"
-        )
-    return plans
-
-
-def _too_near(plans: Mapping[str, CommittedPlan], spec: Sequential) -> list[tuple[str, str]]:
-    names, bend = [*plans], bend_of(ALLOWANCE * spec.acceleration, spec.period)
-    paths = np.stack([fine_path(plan.knots, spec.period) for plan in plans.values()])
-    pairs: list[tuple[str, str]] = []
-    for i, one in enumerate(names):
-        near = distances(paths[i], paths[i + 1 :], bend).min(axis=1) < spec.distance
-        pairs += [(one, names[i + 1 + j]) for j in np.flatnonzero(near)]
-    return pairs

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from controllers.descent import Descent, descend, hold
 from controllers.model import GRAVITY, Model
 from controllers.signals import Command, Estimate, QpReport
+from controllers.supervisors import LandsOnPlan
 from controllers.supervisors.off import NoSupervisor
 from controllers.supervisors.safety import Safety
 
@@ -91,6 +92,25 @@ def test_levelling_holds_the_place_where_it_began_and_landing_goes_straight_down
     reference = station.orders[-1].reference.x
     np.testing.assert_array_equal(reference[:, [0, 1, 3]], np.tile(place[[0, 1, 3]], (STEPS + 1, 1)))
     assert reference[0, 2] < 0.5
+
+
+def test_in_a_room_it_stops_and_lands_along_the_plan():
+    """The plan is at x = y = 0, where the helicopter is not; in height it comes down from where it is."""
+    station = Station(plan_height=lambda t: 1.2)
+    station.supervisor.lands_on_plan = True
+    assert isinstance(station.supervisor, LandsOnPlan)
+    station.fly(1.0).fly(0.68, poses=False)
+    assert station.phase == "levelling"
+    levelling = station.orders[-1].reference
+    np.testing.assert_array_equal(levelling.x[:, :4], np.tile([0.0, 0.0, 1.0, 0.0], (STEPS + 1, 1)))
+    station.fly(0.4, poses=False)
+    assert station.phase == "landing"
+    landing = [order.reference.x for order in station.orders[-15:]]
+    assert all(not x[:, [0, 1, 3]].any() for x in landing)
+    heights = [x[0, 2] for x in landing]
+    assert (np.diff(heights) < 0.0).all()
+    assert heights[0] < 1.0
+    assert levelling.flat is None
 
 
 def test_blind_on_the_floor_the_motors_stop_and_stay_so():

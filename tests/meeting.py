@@ -56,7 +56,7 @@ def meet(
     spec: Coordination | None = None,
     network: Network | None = None,
     flies: Callable[[str, int], bool] = lambda name, t: True,
-    seed: int = 1,
+    sees: Callable[[str, int], bool] = lambda name, t: True,
 ) -> Meeting:
     """Let planners meet.
 
@@ -66,15 +66,15 @@ def meet(
         spec: The coordination.
         network: What carries the messages.
         flies: Whether a ship flies its plan at a time, ns.
-        seed: Of the network.
+        sees: Whether the cameras see a ship at a time, ns.
     """
     spec = spec or Sequential()
     ships = [Ship(name, wish, MODEL) for name, wish in wishes.items()]
     planners = {ship.name: spec.planner_of(ship.name, ships) for ship in ships}
-    link = (network or Network()).start([*wishes], generator(seed, "network"))
+    link = (network or Network()).start([*wishes], generator(1, "network"))
     goals = np.stack([ship.wish.flat(np.array([1e3])).z[0, :2] for ship in ships])
     meeting = Meeting([*wishes], np.zeros((round(seconds * 1e9) // FINE_NS, len(ships), 3)), goals, np.inf)
-    done = 0
+    done, pictures = 0, dict.fromkeys(wishes, 0)
     while True:
         name = min(planners, key=lambda each: planners[each].due)
         planner, now = planners[name], planners[name].due
@@ -88,7 +88,8 @@ def meet(
         for delivery in link.arrived(now):
             planners[delivery.receiver].receive(delivery.at, delivery.message)
         before = planner.committed
-        for message in planner.act(now, seen(planner.committed, now), flies(name, now)):
+        pictures[name] = now if sees(name, now) else pictures[name]
+        for message in planner.act(now, estimated(planner.committed, now, pictures[name]), flies(name, now)):
             meeting.bytes_sent += message.size
             link.send(now, message)
         meeting.notes.append((now, name, planner.note))
@@ -98,10 +99,10 @@ def meet(
             )
 
 
-def seen(plan: Trajectory, now: int) -> Estimate:
-    """The estimate of a helicopter that is where its plan is, of a picture of now (ns)."""
+def estimated(plan: Trajectory, now: int, picture: int) -> Estimate:
+    """The estimate of a helicopter that is where its plan is, from a picture of another time; both in ns."""
     flat = plan.flat(np.array([1e-9 * now]))
-    return Estimate(now, np.concatenate([flat.z[0], flat.dz[0]]), np.zeros(4), np.zeros(12), now, 0)
+    return Estimate(now, np.concatenate([flat.z[0], flat.dz[0]]), np.zeros(4), np.zeros((4, 3)), picture, 0)
 
 
 def _nearest(planner: Planner, others: Sequence[Planner], now: int) -> float:

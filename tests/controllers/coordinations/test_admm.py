@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from coordinations.meeting import MODEL, meet, swap, to
+from meeting import MODEL, meet, swap, to
 
 from controllers.coordinations.admm import Admm, apart
 from controllers.trajectories.hover import Hover
