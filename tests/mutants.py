@@ -79,6 +79,7 @@ OTHER_NAMES = {
             "committed_plan": "committed_plan",
         }.items()
     },
+    "heli_twin/several/room.py": ["several/test_room.py", "lab/test_downwash.py"],
     "controllers/coordinations/sequential.py": ["controllers/coordinations/test_sequential.py"],
     "heli_twin/metrics/several.py": ["metrics/test_several.py", "several/test_room.py"],
     "heli_twin/metrics/contact.py": ["metrics/test_several.py"],

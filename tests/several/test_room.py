@@ -284,7 +284,10 @@ def test_one_of_them_is_not_flown_again_alone(met: SeveralResult):
 
 def test_helicopters_made_in_python_fly(apart: SeveralResult):
     ships = {name: Experiment(duration=0.2, trajectory=Hover(y=y)) for name, y in (("left", 1.0), ("right", -1.0))}
-    result = fly_several(Several(ships=ships), log_dir=None)
+    told: list[float] = []
+    result = fly_several(Several(ships=ships), log_dir=None, progress=told.append)
+    # They meet every 20 ms.
+    assert told == pytest.approx(np.arange(0.02, 0.23, 0.02).tolist())
     assert result.outcome.kind == "completed"
     assert result.log.ship("left").truth.position[0, 1] == pytest.approx(1.0, abs=0.01)
 
