@@ -15,7 +15,7 @@ from heli_twin.calibration.problem import FIXED
 from heli_twin.experiment.tree import table_of
 
 JOINT_FACTOR = 1.5
-"""The joint 95 % region is that of the model's covariance times this: see `heli_twin.calibration`."""
+"""The joint 95 % region is that of the model's covariance times this. Chosen on pilot twins that no test judges."""
 DRAWS = 20
 """Helicopters of an ensemble."""
 
