@@ -496,6 +496,13 @@ def test_what_costs_memory_is_left_out(tmp_path):
     assert Airframe(model=big) == Airframe(model=TEXT)
 
 
+def test_no_folder_stays_in_the_text():
+    """Mesh files are in the text: a folder that one compiler names and another lacks makes no other helicopter."""
+    compiler = TEXT[TEXT.index("<compiler ") : TEXT.index("/>", TEXT.index("<compiler ")) + 2]
+    elsewhere = changed((compiler, compiler.replace("<compiler ", '<compiler meshdir="parts" texturedir="parts" ')))
+    assert Airframe(model=elsewhere) == Airframe(model=TEXT)
+
+
 STRANGE = ["0", "-1", "1e308", "nan", "inf", "", "a", "1 2 3 4 5 6 7 8 9", "true", "cog", "u_x", "\ud7ff", "mesh"]
 
 
