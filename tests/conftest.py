@@ -1,3 +1,4 @@
+import gc
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -19,8 +20,16 @@ settings.register_profile("ci", derandomize=True, deadline=None, print_blob=True
 settings.load_profile("ci")
 # Matrices of this size are slower on many threads, and tests share the machine.
 threadpool_limits(1)
+# Libraries and tests make 400 000 objects that stay: to look through them again and again takes a quarter of the
+# collection of the tests.
+gc.set_threshold(10_000, 10, 10)
 # Worker processes load what they run by its name.
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+def pytest_collection_finish() -> None:
+    """Leave the objects that stay out of later garbage collections."""
+    gc.freeze()
 
 
 @pytest.fixture
