@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
+from controllers.linear_equation import solve
 from controllers.ltv import Subsystem
 from controllers.signals import Array
 
@@ -261,10 +262,7 @@ class Condenser:
         """Return the changes (Nm,) of the inputs of least cost, whatever the bounds; NaN without curvature."""
         if self._inverse is not None:
             return self._inverse @ -cost.g
-        try:
-            return cast(Array, np.linalg.solve(cost.H, -cost.g))
-        except np.linalg.LinAlgError:
-            return np.full_like(cost.g, np.nan)
+        return solve(cost.H, -cost.g)
 
     def bounded(self, cost: Cost, x_nominal: Array, u_nominal: Array, before: Array) -> CondensedQp:
         """Return the QP with this cost and its bounds.
