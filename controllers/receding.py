@@ -140,8 +140,8 @@ class RecedingHorizon(ABC):
             np.add(u_nominal, du.reshape(u_nominal.shape), out=u[:, part.input_columns])
             np.add(v_nominal, (cost.C @ du).reshape(u_nominal.shape), out=speeds[:, part.input_columns])
             objective += 0.5 * float(cost.g @ du)
-        # To count takes half the time of `all`; NaN is not within.
-        kept = np.count_nonzero(free >= self._low) == np.count_nonzero(free <= self._high) == free.size
+        # To look for a 0 among the bytes takes a third of the time of `all`; NaN is not within.
+        kept = 0 not in (free >= self._low).tobytes() and 0 not in (free <= self._high).tobytes()
         if kept and (not self._slow or self._limits.keep_travel(u, self.before)):
             return u.copy(), QpReport("solved", 0, 0, objective, 0.0)
         qps = zip(self._problems, self._bounded(ltv, costs), strict=True)

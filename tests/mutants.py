@@ -36,6 +36,9 @@ SWAPS = {"+": "-", "-": "+", "*": "/", "/": "*", "**": "*", "<": "<=", "<=": "<"
 TEST_FILES = 3
 """The nearest test files of a module, which alone are run for its mutants."""
 OTHER_NAMES = {
+    "heli_twin/experiment/families.py": ["own/test_own_members.py", "experiment/test_families.py"],
+    "heli_twin/experiment/own.py": ["own/test_own_members.py"],
+    "controllers/linear_equation.py": ["controllers/test_linear_equation.py"],
     "controllers/laws/external.py": ["own/test_external_laws.py"],
     "controllers/line_process.py": ["own/test_external_laws.py"],
     "controllers/programs.py": ["own/test_external_laws.py"],
