@@ -121,10 +121,6 @@ EQUIVALENT = {
         "if len(log.sent.time) < 3 or not len(t):",
     ): "two commands are too short for a stretch anyway",
     (
-        "heli_twin/lab/plant/mjcf_text.py",
-        "@lru_cache(maxsize=65)",
-    ): "one text more is kept",
-    (
         "heli_twin/metrics/contact.py",
         "near = (np.hypot(apart[..., 0], apart[..., 1]) < 2.0 * RADIUS_M)"
         " & (np.abs(apart[..., 2]) <= BELOW_M + ABOVE_M)",
@@ -375,6 +371,7 @@ EQUIVALENT_KINDS = {
     r"^def .*, /, ": "what is given by name is given by name with `/` before it too",
     r"\breshape\(-2\b": "NumPy takes any negative length for the one that is left",
     r"\bstrict=False\b": "`strict` of `zip` guards against lengths that no caller gives",
+    r"\blru_cache\((maxsize=)?\d+\)": "one more answer is kept",
     r"\bcolor=\d+\b": "another colour of a curve",
     r"\brng=1\b": "another draw of the same bootstrap",
     r"\bn_resamples=1000\b": "one more resample of a bootstrap moves an interval by less than its own error",

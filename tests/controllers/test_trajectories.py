@@ -122,6 +122,10 @@ def test_the_shapes_are_what_their_names_say():
     figure = Lemniscate(length=1.2, width=0.5).flat(T).z / [0.6, 0.25, 1.0, 1.0]
     # Gerono: y = 2 x sqrt(1 - x^2), squared so that it holds on both lobes.
     np.testing.assert_allclose(figure[:, 1] ** 2, 4 * figure[:, 0] ** 2 * (1 - figure[:, 0] ** 2), atol=1e-12)
+    circle = Circle(radius=0.4, rate=0.5, ramp=0.0, x=0.3, y=-0.2, phase=0.7, height=1.1).flat(T).z
+    angle = 0.7 + 0.5 * T
+    around = np.stack([0.3 + 0.4 * np.cos(angle), -0.2 + 0.4 * np.sin(angle), np.full(len(T), 1.1)], axis=1)
+    np.testing.assert_allclose(circle[:, :3], around, atol=1e-12)
     spot = Pirouette(x=0.2, y=-0.1, rate=-2.0).flat(T).z
     np.testing.assert_array_equal(spot[:, :3], np.tile([0.2, -0.1, 1.0], (len(T), 1)))
     ring = PirouetteCircle(radius=0.3, rate=0.5, yaw_rate=-1.0).flat(T).z
