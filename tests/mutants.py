@@ -1,7 +1,8 @@
 """A mutation run: one token of a module is replaced, and the nearest tests have to notice it.
 
 `python tests/mutants.py controllers 60` mutates 60 places of one room (a third word is the seed) and prints a table.
-Each mutant is tested in a fork of a process that has already imported the libraries, in a copy of the repository.
+Each mutant is tested in a fork of a process that has already imported the libraries, in a copy of the repository. What the
+nearest tests let pass meets all tests of its part.
 """
 
 import ast
@@ -34,7 +35,7 @@ SWAPS = {"+": "-", "-": "+", "*": "/", "/": "*", "**": "*", "<": "<=", "<=": "<"
     "min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "cos": "sin", "sin": "cos",
 }  # fmt: skip
 TEST_FILES = 3
-"""The nearest test files of a module, which alone are run for its mutants."""
+"""The nearest test files of a module, which meet its mutants first."""
 OTHER_NAMES = {
     "heli_twin/experiment/families.py": ["own/test_own_members.py", "experiment/test_families.py"],
     "heli_twin/experiment/own.py": ["own/test_own_members.py"],
@@ -452,6 +453,14 @@ def nearest_tests(file: str) -> list[str]:
     return tests[:TEST_FILES] + further
 
 
+def part_of(file: str) -> list[str]:
+    """Return all tests of a module's part: the folder of its room, without what is nearest already."""
+    path, nearest = Path(file), nearest_tests(file)
+    folder = ROOT / "tests" / path.parts[int(path.parts[0] == "heli_twin")]
+    tests = [test.relative_to(ROOT).as_posix() for test in sorted(folder.rglob("test_*.py"))] if folder.is_dir() else []
+    return [test for test in tests if test not in nearest]
+
+
 def _tests_of(folder: Path, names: Sequence[str], imported: str) -> list[str]:
     """The test files in a folder that have one of these names, or name what they import; short ones first."""
     tests: list[tuple[int, int, str]] = []
@@ -562,6 +571,8 @@ def survivors(room: str, count: int, seed: int = 0) -> Iterator[tuple[Mutation, 
         tests = nearest[mutation.file]
         # Nothing notices what has no tests.
         outcome = tested(tests) if tests else Outcome(0, "")
+        if outcome.code == 0 and (further := part_of(mutation.file)):
+            outcome = tested(further)
         mutated.write_text(original, encoding="utf-8")
         test = "" if outcome.code == 0 else outcome.test
         if test and test not in sound:
