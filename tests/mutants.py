@@ -1,8 +1,8 @@
 """A mutation run: one token of a module is replaced, and the nearest tests have to notice it.
 
 `python tests/mutants.py controllers 60` mutates 60 places of one room (a third word is the seed) and prints a table.
-Each mutant is tested in a fork of a process that has already imported the libraries, in a copy of the repository. What the
-nearest tests let pass meets all tests of its part.
+Each mutant is tested in a fork of a process that has already imported the libraries, in a copy of the repository.
+What the nearest tests let pass meets all tests of its part.
 """
 
 import ast
