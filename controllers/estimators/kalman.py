@@ -229,7 +229,8 @@ class KalmanFilter:
 
     def _moved(self, x: State, u: Input, begin: int, end: int) -> State:
         """Integrate the believed model from `begin` to `end` (ns) under one input."""
-        (moved,) = self._simulator((end - begin) * 1e-9)(x, (u,), self._push(begin))
+        push = self._push(begin) if begin - self._stamp > FADE_AFTER_NS else self._d
+        (moved,) = self._simulator((end - begin) * 1e-9)(x, (u,), push)
         return self._on_the_floor(x, moved) if moved[2] < self._stands_below and moved[6] < 0.0 else moved
 
     def _on_the_floor(self, x: State, moved: State) -> State:

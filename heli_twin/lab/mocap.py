@@ -62,16 +62,12 @@ class Vicon:
         return ViconCameras(self, rng)
 
 
-class Frame(NamedTuple):
-    """The errors of one frame; they do not depend on the helicopter."""
+Frame = tuple[Array, list[float], int, bool]
+"""The errors of one frame, which do not depend on the helicopter.
 
-    displacement: Array
-    """(3,) world, m."""
-    turn: list[float]
-    """(3,) small rotation about the axes of the body, rad."""
-    late: int
-    """From the picture to the ground station, ns."""
-    lost: bool
+They are the displacement (3,), world, m; a small rotation (3,) about the axes of the body, rad; the time from the
+picture to the ground station, ns; and whether the frame is lost.
+"""
 
 
 class ViconCameras:
@@ -109,7 +105,7 @@ def frames(spec: Vicon, bias: Array, rng: np.random.Generator) -> Iterator[Frame
         displacements = biases + spec.position_noise * normals[:, 3:6]
         turns = (spec.orientation_noise * normals[:, 6:9]).tolist()
         late = [max(0, nanoseconds(s)) for s in (spec.latency + spec.jitter * normals[:, 9]).tolist()]
-        yield from map(Frame, displacements, turns, late, (uniforms < spec.dropout).tolist())
+        yield from zip(displacements, turns, late, (uniforms < spec.dropout).tolist(), strict=True)
 
 
 @dataclass(frozen=True, slots=True)

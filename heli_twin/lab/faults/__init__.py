@@ -119,9 +119,9 @@ class Faults:
         """Return the input (4,) that acts at the helicopter from `t` on, and switch its gyro."""
         for fault in self._input:
             u = fault(t, u, plant.truth())
-        gyros = [works(t) for works in self._gyro]
-        if gyros:
-            plant.gyro_works = all(gyros)
+        if self._gyro:
+            working = [works(t) for works in self._gyro]
+            plant.gyro_works = all(working)
         return u
 
 

@@ -186,7 +186,8 @@ class Twin:
     def due(self, target: int) -> int:
         """Do what is due before the next physics step; return for how many this holds, `target` (steps) at most."""
         if not self._every_period:
-            self._scale_thrust(self._air.thrust_factor)
+            if self._air.thrust_factor != self._thrust_factor:
+                self._scale_thrust(self._air.thrust_factor)
             return target - self._steps
         into = self._steps % self._effect_steps
         if into == 0 and self._steps:
