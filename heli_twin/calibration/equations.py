@@ -39,10 +39,8 @@ def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Nor
     inverse = np.linalg.inv(gram[:, n + 1 :, n + 1 :])
     back = inverse @ gram[:, n + 1 :, : n + 1]
     local = gram[:, : n + 1, : n + 1] - gram[:, : n + 1, n + 1 :] @ back
-    scores = np.zeros((w, N_THETA + len(problem.flights) * N_LOG))
+    scores = scattered(problem, local[:, :n, n])
     places = [columns(int(log)) for log in problem.log_of]
-    for i, c in enumerate(places):
-        scores[i, c] = local[i, :n, n]
 
     def to_start(step: Array) -> Array:
         return back[..., n] - np.stack(
@@ -59,4 +57,12 @@ def information(problem: Problem, local: Array) -> Array:
     for log in range(len(problem.flights)):
         c = columns(log)
         out[np.ix_(c, c)] += local[problem.log_of == log].sum(axis=0)
+    return out
+
+
+def scattered(problem: Problem, local: Array) -> Array:
+    """Return vectors (w, m) over theta and then each log's nuisance, from those (w, n) of each window on its own."""
+    out = np.zeros((len(local), N_THETA + len(problem.flights) * N_LOG))
+    for log in range(len(problem.flights)):
+        out[np.ix_(np.flatnonzero(problem.log_of == log), columns(log))] = local[problem.log_of == log]
     return out

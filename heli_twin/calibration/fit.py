@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
-from heli_twin.calibration.equations import Normal, information, normal
+from heli_twin.calibration.equations import Normal, information, normal, scattered
 from heli_twin.calibration.problem import (
     BEGIN,
     BEGIN_SHARE_S,
@@ -191,10 +191,11 @@ def _explained(problem: Problem, jacobian: Array) -> noise.Explained:
     """What the parameters explain of the residual."""
     precision = _precision(problem)
 
-    def log_det(local: Array) -> float:
-        return float(np.linalg.slogdet(information(problem, local) + precision)[1])
+    def taken(local: Array, scores: Array) -> tuple[float, float]:
+        matrix, vector = information(problem, local) + precision, scattered(problem, scores).sum(axis=0)
+        return float(np.linalg.slogdet(matrix)[1]), float(vector @ np.linalg.solve(matrix, vector))
 
-    return noise.Explained(jacobian, log_det)
+    return noise.Explained(jacobian, taken)
 
 
 def _bounded(problem: Problem, state: State, covariance: Array, step: Array) -> Array:

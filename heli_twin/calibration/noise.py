@@ -43,8 +43,9 @@ PRIOR = np.array([0.2, 0.7, 0.5, 0.0005, 0.0003, 0.005, 0.1, 2.0, 0.005])
 PRIOR_SPREAD = np.array([1.5, 0.5, 2.0, 0.7, 0.7, 0.7, 2.0, 2.0, 0.7])
 """Standard deviation of the prior of each logarithm."""
 FIRST_WIND = 3.0
-"""Standard deviation of the wind at a window's start, m/s: as good as unknown. What the controller did about it before
-the window shows in the first commands, so that it is no chance in the window."""
+"""Standard deviation of the wind at a window's start, m/s, for the parameters: as good as unknown. What the controller
+did about it before the window shows in the first commands, which are no chance then. For the variances it is that of
+any other moment: what an unknown one leaves depends on the gust's time itself, which then comes out a sixth short."""
 POSE, RATE, WIND, SLOW = slice(0, 6), slice(6, 12), slice(12, 14), slice(14, 17)
 N, N_FIRST = 17, 12
 SLOPE_STEP, LONGEST_STEP = 1e-3, 0.7
@@ -66,15 +67,16 @@ class _Filter:
         air: The responses.
         eta: (9,) logarithms of `COMPONENTS`.
         columns: Of the rows.
+        first_wind: Standard deviation of the wind at the start, m/s.
     """
 
-    def __init__(self, air: Windage, eta: Array, columns: int) -> None:
+    def __init__(self, air: Windage, eta: Array, columns: int, first_wind: float = FIRST_WIND) -> None:
         s, w = np.exp(2.0 * eta), len(air.frames)
         self._air, self._white = air, np.array([s[4], s[4], s[4], s[8], s[5], s[5]])
         self._transition, self._seen = np.zeros((w, N, N)), np.zeros((w, 6, N))
         self._transition[:, WIND, WIND] = np.exp(-BIN_S / np.exp(eta[1])) * np.eye(2)
         self._transition[:, SLOW, SLOW] = np.exp(-BIN_S / SLOW_TIME_S) * np.eye(3)
-        self._chance, begin = _chance(eta)
+        self._chance, begin = _chance(eta, first_wind)
         self._covariance = np.broadcast_to(np.diag(begin), (w, N, N))
         self._state = np.zeros((w, N, columns))
 
@@ -117,19 +119,20 @@ class _Filter:
         self._covariance = transition @ self._covariance @ transition.transpose(0, 2, 1) + self._chance
 
 
-def whiten(air: Windage, eta: Array, rows: Array) -> tuple[Array, Array]:
+def whiten(air: Windage, eta: Array, rows: Array, first_wind: float = FIRST_WIND) -> tuple[Array, Array]:
     """Make residuals and derivatives independent of those before them.
 
     Args:
         air: The responses.
         eta: (9,) logarithms of `COMPONENTS`.
         rows: (w, bins, 6, c), 0 where there is no pose.
+        first_wind: Standard deviation of the wind at the start, m/s.
 
     Returns:
         The rows, whitened, and the roots (w, bins, 6, 6) of the innovations' covariances.
     """
     w, bins, _, c = rows.shape
-    filtered, out, roots = _Filter(air, eta, c), np.empty_like(rows), np.empty((w, bins, 6, 6))
+    filtered, out, roots = _Filter(air, eta, c, first_wind), np.empty_like(rows), np.empty((w, bins, 6, 6))
     for k in range(bins):
         out[:, k], roots[:, k] = filtered.learn(k, rows[:, k])
         filtered.advance(k)
@@ -160,7 +163,7 @@ def foresee(air: Windage, eta: Array, rows: Array, history: int) -> Foreseen:
     return Foreseen(past, mean, variance)
 
 
-def _chance(eta: Array) -> tuple[Array, Array]:
+def _chance(eta: Array, first_wind: float) -> tuple[Array, Array]:
     """Covariance (N, N) of what each bin adds, and variances (N,) at the start of a window."""
     s = np.exp(2.0 * eta)
     chance, begin = np.zeros((N, N)), np.zeros(N)
@@ -170,7 +173,7 @@ def _chance(eta: Array) -> tuple[Array, Array]:
         chance[np.ix_([i, 6 + i], [i, 6 + i])] = variance * np.outer(effect, effect)
     chance[WIND, WIND] = s[0] * (1.0 - np.exp(-2.0 * BIN_S / np.exp(eta[1]))) * np.eye(2)
     chance[SLOW, SLOW] = s[3] * (1.0 - np.exp(-2.0 * BIN_S / SLOW_TIME_S)) * np.eye(3)
-    begin[WIND], begin[SLOW] = FIRST_WIND**2, s[3]
+    begin[WIND], begin[SLOW] = first_wind**2, s[3]
     return chance, begin
 
 
@@ -179,8 +182,9 @@ class Explained(NamedTuple):
 
     jacobian: Array
     """(w, bins, 6, n) derivative of the prediction by the parameters, 0 where there is no pose."""
-    log_det: Callable[[Array], float]
-    """From the information (w, n, n) of each window on the parameters to the logarithm of the determinant of all."""
+    taken: Callable[[Array, Array], tuple[float, float]]
+    """From the information (w, n, n) of each window on the parameters, and J' P r (w, n), to the logarithm of the
+    determinant of all information, and to how much less the weighted square is with the parameters fitted to it."""
 
 
 def next_variances(
@@ -197,11 +201,15 @@ def next_variances(
     """
     parts = [first, explained.jacobian] if explained else [first]
     rows = np.concatenate([*parts, residual[..., None]], axis=-1)
-    here = _Restricted(*whiten(air, eta, rows), explained)
+
+    def at(eta: Array) -> _Restricted:
+        return _Restricted(*whiten(air, eta, rows, float(np.exp(eta[0]))), explained)
+
+    here = at(eta)
     started = here.started
     score, changes = np.zeros(len(eta)), []
     for i, each in enumerate(np.eye(len(eta))):
-        there = _Restricted(*whiten(air, eta + SLOPE_STEP * each, rows), explained)
+        there = at(eta + SLOPE_STEP * each)
         score[i] = (there.likelihood - here.likelihood) / SLOPE_STEP
         # Change of the innovations' covariance and of the innovations, both whitened: Fisher's information.
         scale = np.linalg.solve(here.roots, there.roots)
@@ -231,9 +239,11 @@ class _Restricted:
         self.start = np.asarray(back[..., -1], np.float64)
         """(w, 12) first states."""
         log_det = 2.0 * np.log(np.diagonal(roots, axis1=2, axis2=3)).sum() + np.linalg.slogdet(of_first)[1].sum()
+        square = local[:, -1, -1].sum()
         if explained:
-            log_det += explained.log_det(local[:, :-1, :-1])
-        self.likelihood = -0.5 * float(log_det + local[:, -1, -1].sum())
+            more, taken = explained.taken(local[:, :-1, :-1], local[:, :-1, -1])
+            log_det, square = log_det + more, square - taken
+        self.likelihood = -0.5 * float(log_det + square)
 
     def less(self, start: Array) -> Array:
         """Return the residual (w, bins, 6) less what first states (w, 12) explain."""

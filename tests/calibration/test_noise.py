@@ -118,27 +118,33 @@ def test_reml_finds_the_variances_and_what_they_whiten_is_white(air):
 
 def test_reml_knows_what_parameters_took_from_the_residuals(air):
     rng = np.random.default_rng(6)
-    rows, first, eta = residuals(air, rng), first_states(air), [TRUE, TRUE]
+    rows, first, eta = residuals(air, rng), first_states(air), [TRUE, TRUE, TRUE]
     # Twenty parameters of all windows that look like winds, fitted and taken away.
     winds = rng.standard_normal((20, WINDOWS, 1, 2)) * np.ones((1, 1, BINS, 1))
     winds *= np.cos(np.outer(rng.uniform(0.0, 6.0, 20), noise.BIN_S * np.arange(BINS)))[:, None, :, None]
     jacobian = np.stack([chained(air, wind) for wind in winds], axis=-1)
     with threadpool_limits(limits=1):
         both = np.concatenate([first, jacobian, rows[..., None]], axis=-1)
-        white = noise.whiten(air, TRUE, both)[0].reshape(WINDOWS, -1, 33)
+        white = noise.whiten(air, TRUE, both, np.exp(TRUE[0]))[0].reshape(WINDOWS, -1, 33)
         wide = np.zeros((WINDOWS * BINS * 6, 12 * WINDOWS + 20))
         for i in range(WINDOWS):
             of_window = slice(i * BINS * 6, (i + 1) * BINS * 6)
             wide[of_window, 12 * i : 12 * i + 12], wide[of_window, -20:] = white[i, :, :12], white[i, :, 12:32]
         fitted = np.linalg.lstsq(wide, white[..., -1].ravel(), rcond=None)[0][-20:]
-        rows = rows - jacobian @ fitted
-        lost = noise.Explained(jacobian, lambda local: float(np.linalg.slogdet(local.sum(axis=0))[1]))
+        left = rows - jacobian @ fitted
+
+        def taken(local, scores):
+            matrix, vector = local.sum(axis=0), scores.sum(axis=0)
+            return np.linalg.slogdet(matrix)[1], vector @ np.linalg.solve(matrix, vector)
+
+        lost = noise.Explained(jacobian, taken)
         for _ in range(3):
-            eta = [noise.next_variances(air, e, rows, first, x)[0] for e, x in zip(eta, (None, lost), strict=True)]
-    naive, right = (np.exp(e - TRUE)[0] for e in eta)
+            given = zip(eta, (rows, left, left), (None, None, lost), strict=True)
+            eta = [noise.next_variances(air, e, r, first, x)[0] for e, r, x in given]
+    whole, naive, right = (np.exp(e - TRUE)[0] for e in eta)
     # Twelve windows have some hundred independent winds, of which the parameters took twenty.
-    assert naive < 0.95
-    assert naive + 0.04 < right == pytest.approx(1.0, abs=0.2)
+    assert naive < 0.96 * whole
+    assert right == pytest.approx(whole, rel=0.05)
 
 
 def test_where_there_is_no_pose_nothing_is_learned(air):
