@@ -116,7 +116,8 @@ class RightOfWay:
         patience = max(1, round(m.patience / m.period))
         if reason in (FREE, JOINS) or reason.startswith(UNHEARD) or np.hypot(*(goal - here)) < NEAR_M:
             self._places = []
-        if reason in (FREE, JOINS) or np.hypot(*(home - here)) < HOME_M:
+        has_arrived = bool(np.hypot(*(home - here)) < HOME_M)
+        if reason in (FREE, JOINS) or has_arrived:
             self.since = -1
         self._places = [*self._places[-NO_PROGRESS * patience :], here]
         places = np.array(self._places)
@@ -125,7 +126,8 @@ class RightOfWay:
         if len(places) > NO_PROGRESS * patience:
             stands |= bool(np.hypot(*(goal - places[0])) - np.hypot(*(goal - here)) < PROGRESS_M)
         if stands:
-            self.since = turn if self.since < 0 else self.since
+            # Who is sent away from where it has arrived asks for the other only.
+            self.since = turn if self.since < 0 and not has_arrived else self.since
             self._asks_until = turn + round(ASKS_S / m.period)
         return stands
 
