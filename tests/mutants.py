@@ -69,18 +69,17 @@ OTHER_NAMES = {
         "controllers/test_trajectories.py",
     ],
     **{
-        f"controllers/{name}.py": [
-            "controllers/coordinations/test_sequential.py",
-            f"controllers/coordinations/test_{near}.py",
-        ]
+        f"controllers/{name}.py": [f"controllers/{near}.py", "controllers/coordinations/test_sequential.py"]
         for name, near in {
-            "right_of_way": "separation",
-            "scene": "separation",
-            "separation": "separation",
-            "turns": "committed_plan",
-            "wish_plan": "committed_plan",
-            "plan_qp": "plan_qp",
-            "committed_plan": "committed_plan",
+            "right_of_way": "test_right_of_way",
+            "scene": "test_scene",
+            "separation": "coordinations/test_separation",
+            "turns": "test_take_off",
+            "take_off": "test_take_off",
+            "emergency": "test_emergency",
+            "wish_plan": "test_wish_plan",
+            "plan_qp": "coordinations/test_plan_qp",
+            "committed_plan": "coordinations/test_committed_plan",
         }.items()
     },
     "heli_twin/several/room.py": ["several/test_room.py", "lab/test_downwash.py"],

@@ -193,8 +193,16 @@ def tangent(centre: Any, side: float, length: float) -> Array:
 
 @pytest.mark.parametrize(
     ("centre", "side"),
-    [((1.0, 0.1), -1.0), ((1.0, -0.1), 1.0), ((1.0, -0.01), -1.0), ((1.0, 0.49), 0.0), ((1.0, 0.47), -1.0)]
-    + [((-0.6, 0.0), 0.0), ((2.1, 0.46), 0.0), ((1.6, 0.0), 0.0)],
+    [
+        ((1.0, 0.1), -1.0),
+        ((1.0, -0.1), 1.0),
+        ((1.0, -0.01), -1.0),
+        ((1.0, 0.49), 0.0),
+        ((1.0, 0.47), -1.0),
+        ((-0.6, 0.0), 0.0),
+        ((2.1, 0.46), 0.0),
+        ((1.6, 0.0), 0.0),
+    ],
 )
 def test_it_goes_round_one_that_stands_in_the_way_to_its_goal(centre: Any, side: float):
     heading = RightOfWay("me", MANNERS).heading_for(0, scene(reach=1.0, b=centre), GOAL)

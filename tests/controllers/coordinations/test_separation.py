@@ -36,6 +36,17 @@ def test_distances_are_lower_bounds_and_near_the_truth():
         assert bound - 1e-9 <= truth <= bound + 2.0 * bend_of(1.0, H) + 1e-3
 
 
+def test_the_nearest_point_is_between_two_samples_or_at_one():
+    own = np.zeros((3, 2))
+    passes, stands, leaves = (
+        [[-1.0, 0.3], [1.0, 0.3], [3.0, 0.3]],
+        [[0.0, 0.4]] * 3,
+        [[0.3, 0.4], [0.6, 0.8], [0.9, 1.2]],
+    )
+    bounds = distances(own, np.array([passes, stands, leaves]), 0.01)
+    np.testing.assert_allclose(bounds, [[0.29, np.hypot(1.0, 0.3) - 0.01], [0.39, 0.39], [0.49, 0.99]], atol=1e-12)
+
+
 def test_no_two_plans_that_part_are_further_apart_than_their_reach():
     """Opposite accelerations at the limit, then back to rest, get there."""
     t = 0.01 * np.arange(201)
