@@ -85,7 +85,6 @@ OTHER_NAMES = {
     "heli_twin/several/room.py": ["several/test_room.py", "lab/test_downwash.py"],
     "controllers/coordinations/sequential.py": ["controllers/coordinations/test_sequential.py"],
     "heli_twin/metrics/several.py": ["metrics/test_several.py", "several/test_room.py"],
-    "heli_twin/metrics/contact.py": ["metrics/test_several.py"],
     "heli_twin/lab/compute.py": ["lab/test_faults.py", "lab/test_chance.py", "flights/test_flights.py"],
     "heli_twin/lab/plant/contract.py": ["lab/plant/test_airframe.py"],
     "heli_twin/lab/plant/motion.py": ["lab/plant/test_mujoco.py", "lab/plant/test_airframe.py"],
@@ -112,6 +111,14 @@ hypothesis.strategies annotated_types mujoco google.protobuf mcap.reader zstanda
 
 
 EQUIVALENT = {
+    (
+        "heli_twin/metrics/response.py",
+        "stands = np.abs(np.diff(reference)) < REST_RATE * period",
+    ): "differs only for a speed equal to the limit in all digits",
+    (
+        "heli_twin/metrics/margins.py",
+        "above = gains[gains >= 1.0]",
+    ): "differs only for a loop on its limit of stability in all digits",
     (
         "heli_twin/identification/data.py",
         "steady = (jump[:, :3] <= MAX_JUMP_M).all(axis=1) & (jump[:, 3:] < MAX_JUMP_RAD).all(axis=1)",

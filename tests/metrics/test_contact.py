@@ -18,3 +18,15 @@ def test_who_is_near_in_the_plane_and_in_height_touches():
         (2, 3),
     ]
     assert touching(first[None]) == []
+
+
+def test_its_size_is_that_of_the_mcx2():
+    """A disc of 19 cm; from the skids, 47 mm below the centre of gravity, to the bar, 76 mm above it."""
+    one = np.array([0.0, 0.0, 1.0])
+    for apart, touches in (
+        ([0.189, 0, 0], True),
+        ([0.191, 0, 0], False),
+        ([0, 0, 0.122], True),
+        ([0, 0, 0.124], False),
+    ):
+        assert bool(touching(np.array([one, one + apart]))) is touches

@@ -9,6 +9,7 @@ import pytest
 from heli_twin import fly, load
 from heli_twin.metrics.motion import errors, motion, outages, statistics
 from heli_twin.metrics.tracking import tracking_error
+from heli_twin.recording.log import Messages
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +75,24 @@ def test_a_gap_between_poses_of_a_tenth_of_a_second_is_an_outage_and_a_shorter_o
     log = SimpleNamespace(pose=SimpleNamespace(stamp=stamp), ending=SimpleNamespace(time=3_000_000_000))
     (gap,) = outages(log)
     assert (gap.start, gap.end) == pytest.approx((0.99, 1.10))
+
+
+def test_one_pose_and_none_after_it_is_an_outage_to_the_end():
+    log = SimpleNamespace(
+        pose=SimpleNamespace(stamp=np.array([500_000_000])), ending=SimpleNamespace(time=2_000_000_000)
+    )
+    assert outages(log) == [(0.5, 2.0, "no poses")]
+
+
+def test_of_slow_cameras_four_periods_are_a_gap():
+    stamp = np.array([0, 1, 2, 3, 6, 11]) * 100_000_000
+    log = SimpleNamespace(pose=SimpleNamespace(stamp=stamp), ending=SimpleNamespace(time=1_200_000_000))
+    assert [(gap.start, gap.end) for gap in outages(log)] == [pytest.approx((0.6, 1.1))]
+
+
+def test_two_poses_are_a_motion(seen):
+    pose = seen.messages["/mocap/pose"]
+    two = replace(seen, messages={**seen.messages, "/mocap/pose": Messages(*(column[50:52] for column in pose))})
+    time, error = errors(two)
+    assert len(motion(two).time) == 2
+    assert len(time) == len(error) == 1

@@ -109,6 +109,14 @@ def test_who_has_ended_stays_where_it_was(flown: SeveralResult):
     np.testing.assert_array_equal(position[-1], position[-2])
 
 
+def test_without_a_plan_nothing_is_stuck(flown: SeveralResult):
+    a = flown.log.ship("a")
+    planned = a.messages["/reference"]
+    for count in (0, 1):
+        short = replace(a, messages={**a.messages, "/reference": Messages(*(column[:count] for column in planned))})
+        assert arrival(short, Hover(x=2.0)).stuck == 0.0
+
+
 class Late:
     """A wish that is elsewhere until the very end of the flight, and goes on."""
 
