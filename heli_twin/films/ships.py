@@ -103,9 +103,11 @@ def _scene(renderer: Renderer, ships: Sequence[Shown], camera: Camera, at: tuple
     first, *others = poses
     picture = Image.fromarray(renderer.draw(first, camera, lines, balls, others))
     draw, size = ImageDraw.Draw(picture), max(9, round(0.032 * picture.height))
-    font, x = ImageFont.load_default(size), float(size)
+    font, x, y = ImageFont.load_default(size), float(size), 2.1 * size
     draw.text((x, 0.8 * size), f"{len(ships)} helicopters", fill=INK, font=font)
     for ship in ships:
-        draw.text((x, 2.1 * size), ship.name, fill=ship.color, font=font)
+        if x + font.getlength(ship.name) > picture.width - size:
+            x, y = float(size), y + 1.3 * size
+        draw.text((x, y), ship.name, fill=ship.color, font=font)
         x += font.getlength(ship.name + "  ")
     return picture
