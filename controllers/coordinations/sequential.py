@@ -91,6 +91,10 @@ class Sequential:
     copies: Annotated[int, Ge(1), Le(20), doc("how often each message is sent")] = 3
     gossip: Annotated[Literal["on", "off"], doc("messages pass on the newest plans of others too")] = "on"
 
+    def between_turns(self, ships: int) -> float:
+        """Return the time between the turns of two of so many helicopters, s: later messages hold all of them up."""
+        return max(self.period / ships, self.hearing)
+
     def planner_of(self, ship: str, ships: Sequence[Ship]) -> "SequentialPlanner":
         """Return the planner of one helicopter.
 

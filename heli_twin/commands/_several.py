@@ -1,6 +1,7 @@
 """What the commands do differently for several helicopters."""
 
 import json
+import sys
 from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from heli_twin.errors import HeliTwinError
 from heli_twin.terminal_text import pasteable
 
 if TYPE_CHECKING:
+    from heli_twin.experiment.several import Several
     from heli_twin.requirements import Requirement
     from heli_twin.several.fly import SeveralResult
 
@@ -39,7 +41,21 @@ def fly_together(parsed: Namespace, source: str, overrides: list[str], requireme
         from heli_twin.viewing.show import ShownShips
 
         ShownShips(result.log).show(where)
+    warn_late(several)
     return _tell(parsed, result, requirements)
+
+
+def warn_late(several: "Several") -> None:
+    """Say that planners wait for messages that come after the next one's turn."""
+    between = getattr(several.coordination, "between_turns", None)
+    delay, ships = several.network.delay, len(several.fleet())
+    if between and delay > between(ships):
+        print(
+            f"heli-twin: network.delay = {delay:g} s is more than the {between(ships):g} s between the turns of {ships}"
+            f" planners, who have not heard the newest plan when they plan and mostly stay where they are:"
+            f" write coordination.hearing={1.2 * delay:.3g}",
+            file=sys.stderr,
+        )
 
 
 def _destination(rerun: str | None) -> Any:

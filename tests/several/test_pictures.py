@@ -154,3 +154,11 @@ def test_fly_prints_what_programs_need(tmp_path: Path, capsys: pytest.CaptureFix
     meet = ["pair", "base=lab_simple", "coordination=none", "scenario.radius=0.4", "duration=2", "--no-log"]
     assert main(["fly", *meet, "--require", str(require)]) == 3
     assert main(["fly", *meet]) == 1
+
+
+def test_messages_that_come_after_the_next_turn_are_told(capsys: pytest.CaptureFixture[str]):
+    words = ["fly", "pair", "base=lab_simple", "duration=0.2", "--no-log", "network.delay=0.06"]
+    assert main(words) == 0
+    assert "network.delay = 0.06 s is more than the 0.05 s between the turns of 2" in capsys.readouterr().err
+    assert main([*words, "coordination.hearing=0.072"]) == 0
+    assert capsys.readouterr().err == ""
