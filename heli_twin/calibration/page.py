@@ -10,6 +10,7 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, Calibrated
 from heli_twin.calibration.data import BIN_STEPS, BINS, CHANNELS, STEP_S
+from heli_twin.calibration.fit import WIDER
 from heli_twin.calibration.parameters import NAMES, POSITIVE, SPREAD
 from heli_twin.calibration.problem import FIXED
 from heli_twin.calibration.structure import WORST_CORRELATION, WORST_MEMORY
@@ -80,8 +81,8 @@ def _parameters(calibrated: Calibrated) -> Table:
     ]
     return Table(
         "Parameters",
-        "Ratios and sums that flights can tell, with 95 % intervals: from the scatter of the windows, within limits of"
-        " the model's.",
+        f"Ratios and sums that flights can tell, with 95 % intervals, {WIDER:g} times as wide as the fit's covariance"
+        " alone would make them.",
         ("parameter", "value", "95 % interval", "unit", ""),
         rows,
     )
