@@ -10,7 +10,6 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, Calibrated
 from heli_twin.calibration.data import BIN_STEPS, BINS, CHANNELS, STEP_S
-from heli_twin.calibration.fit import WIDER
 from heli_twin.calibration.parameters import NAMES, POSITIVE, SPREAD
 from heli_twin.calibration.problem import FIXED
 from heli_twin.calibration.structure import WORST_CORRELATION, WORST_MEMORY
@@ -81,8 +80,8 @@ def _parameters(calibrated: Calibrated) -> Table:
     ]
     return Table(
         "Parameters",
-        f"Ratios and sums that flights can tell, with 95 % intervals, {WIDER:g} times as wide as the fit's covariance"
-        " alone would make them.",
+        f"Ratios and sums that flights can tell, with 95 % intervals: {calibrated.fit.wider:g} times those of the fit's"
+        " covariance alone.",
         ("parameter", "value", "95 % interval", "unit", ""),
         rows,
     )
