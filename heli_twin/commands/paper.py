@@ -21,7 +21,7 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "Fly the paper's simulations and experiments on the twin, with several seeds on all cores, and write one\n"
         "page: its figures, the identified parameters, and each claim with the paper's number, ours with its\n"
         "interval, and a verdict. The lab is lab_simple: its helicopter has the parameters that the paper identified.\n"
-        "Two free cores need four to five minutes.",
+        "Two free cores need three to four minutes.",
         "  heli-twin paper\n  heli-twin paper --seeds 4 --out logs/quick",
     )
     parser.add_argument(

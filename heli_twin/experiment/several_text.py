@@ -19,6 +19,7 @@ from heli_twin.experiment.own import with_commands
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
 from heli_twin.experiment.several import Several, checked_several
 from heli_twin.experiment.text import (
+    ROOM,
     assignment,
     leaves_of,
     load,
@@ -43,8 +44,6 @@ from heli_twin.terminal_text import clean, instead
 
 EVERY, SHIPS = "every", "ships"
 """Keys of the experiment of every helicopter, and of those of single ones."""
-ROOM = frozenset({"scenario", "coordination", "network", "shared", "transmitters", "world"})
-"""Fields of the room; the first words of their paths."""
 
 
 def load_several(source: str, overrides: Iterable[str] = ()) -> Several:

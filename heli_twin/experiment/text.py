@@ -35,9 +35,9 @@ def presets(folder_name: str = "") -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
-SIGNS_OF_SEVERAL = frozenset(
-    {"scenario", "coordination", "network", "transmitters", "world", "shared", "ships", "every", "base"}
-)
+ROOM = frozenset({"scenario", "coordination", "network", "shared", "transmitters", "world"})
+"""Fields of a room of several helicopters; the first words of their paths."""
+SIGNS_OF_SEVERAL = ROOM | {"ships", "every", "base"}
 """A TOML file with one of these at its top is of several helicopters."""
 
 

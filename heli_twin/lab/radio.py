@@ -28,7 +28,7 @@ class Turn(NamedTuple):
     number: int
     """From 0."""
     of: int
-    """How many they are."""
+    """Number of helicopters that the transmitter serves."""
 
 
 class Radio(Protocol):

@@ -7,11 +7,7 @@ than the disc by 4 cm, and is left out.
 import numpy as np
 
 from controllers.signals import Array
-
-RADIUS_M = 0.095
-"""Of the rotor disc of the mCX2."""
-BELOW_M, ABOVE_M = 0.047, 0.076
-"""From the centre of gravity down to the skids and up to the bar, upright."""
+from heli_twin.lab.plant.size import ABOVE_M, BELOW_M, RADIUS_M
 
 
 def touching(positions: Array) -> list[tuple[int, int]]:

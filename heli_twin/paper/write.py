@@ -31,7 +31,7 @@ from heli_twin.terminal_text import pasteable
 from heli_twin.whole_file import write_whole
 
 DEFAULT_SEEDS = 6
-"""Flights of each case: as few as an interval of a median needs, so that two cores fly them in four to five minutes."""
+"""Flights of each case: as few as an interval of a median needs, so that two cores take less than four minutes."""
 CountProgress = Callable[[int, int], None]
 """Called with the numbers of finished and of all flights."""
 

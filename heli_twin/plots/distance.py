@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from heli_twin.metrics.contact import RADIUS_M
+from heli_twin.lab.plant.size import RADIUS_M
 from heli_twin.metrics.several import flown_paths, least_over_time, planned_paths
 from heli_twin.plots.axes import LIMIT, legend, time_axis
 from heli_twin.plots.runs import Run

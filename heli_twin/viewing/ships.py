@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from controllers.signals import Array
 from heli_twin.experiment import Experiment
-from heli_twin.metrics.contact import RADIUS_M
+from heli_twin.lab.plant.size import RADIUS_M
 from heli_twin.metrics.several import CYLINDER_HEIGHT_M, flown_paths, least_over_time, planned_paths, promised_distance
 from heli_twin.recording.log import Log
 from heli_twin.reporting.figure import color

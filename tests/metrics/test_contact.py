@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from heli_twin.metrics.contact import ABOVE_M, BELOW_M, RADIUS_M, touching
+from heli_twin.lab.plant.size import ABOVE_M, BELOW_M, RADIUS_M
+from heli_twin.metrics.contact import touching
 
 
 def test_who_is_near_in_the_plane_and_in_height_touches():

@@ -54,7 +54,7 @@ class Parts(NamedTuple):
 
 
 PARTS = ("actuator", "body", "geom", "joint", "site", "tendon")
-"""What a model finds by its name."""
+"""The lookup methods of `mujoco.MjModel` by name, which `Names` prefixes."""
 
 
 class Names:

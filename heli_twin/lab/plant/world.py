@@ -16,11 +16,9 @@ from controllers.signals import Array
 from heli_twin.lab.plant import STILL_AIR
 from heli_twin.lab.plant.motion import Gimbal
 from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, mjcf_of, model_file
+from heli_twin.lab.plant.size import ABOVE_M, LOWER_ROTOR_M, RADIUS_M
 from heli_twin.lab.plant.twin import Parts, Twin
 
-ROTORS_RADIUS_M = 0.095
-ROTORS_FROM_M, ROTORS_TO_M = 0.027, 0.076
-"""Of both rotors and the bar, above the centre of gravity."""
 EACH_OTHER = 2
 """Bit of the shapes that touch those of other helicopters; bit 1 is of those that touch the floor."""
 PARKED_M = 1000.0
@@ -120,7 +118,7 @@ def _compiled(plants: tuple[tuple[str, MuJoCo], ...]) -> Any:
 
 def _let_touch(fuselage: Any) -> None:
     """Let the shapes that touch the floor touch other helicopters too, and all of the rotors instead of a thin disc."""
-    kind, least, most = None, ROTORS_FROM_M, ROTORS_TO_M
+    kind, least, most = None, LOWER_ROTOR_M, ABOVE_M
     for geom in fuselage.geoms:
         if geom.name == "disc_upper":
             kind = geom.type
@@ -130,7 +128,7 @@ def _let_touch(fuselage: Any) -> None:
     fuselage.add_geom(
         name="rotors",
         type=kind,
-        size=(ROTORS_RADIUS_M, 0.5 * (most - least), 0.0),
+        size=(RADIUS_M, 0.5 * (most - least), 0.0),
         pos=(0.0, 0.0, 0.5 * (most + least)),
         contype=EACH_OTHER,
         conaffinity=EACH_OTHER,

@@ -28,7 +28,7 @@ def farthest(a: Truth, b: Truth) -> float:
 def differences(
     plants: dict[str, MuJoCo], starts: dict[str, Array], less_thrust: float, steps: int
 ) -> dict[str, float]:
-    """How far each in one world is at most from itself in a world of its own, under the same inputs and air."""
+    """Return the largest difference of the states (8,) of each in one world and alone, SI units."""
     world, rng = World(plants, starts), np.random.default_rng(1)
     alone: dict[str, Plant] = {name: plant.start(starts[name]) for name, plant in plants.items()}
     held = {name: (np.array(plant.trim), STILL_AIR) for name, plant in plants.items()}
