@@ -20,7 +20,7 @@ from controllers.proxqp import BUILD
 from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import origin_of, source_of
+from heli_twin.experiment.named_classes import origin_of, source_of
 from heli_twin.experiment.own import OWN, ClassMissing, other_program, other_sources, own_classes
 from heli_twin.experiment.past import PHYSICS_VERSION, UNRECORDED_VERSION
 from heli_twin.experiment.tree import (

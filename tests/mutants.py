@@ -38,6 +38,8 @@ TEST_FILES = 3
 """The nearest test files of a module, which meet its mutants first."""
 OTHER_NAMES = {
     "heli_twin/experiment/families.py": ["own/test_own_members.py", "experiment/test_families.py"],
+    "heli_twin/experiment/named_classes.py": ["own/test_own_members.py"],
+    "heli_twin/experiment/family_needs.py": ["own/test_own_members.py", "test_conformance.py"],
     "heli_twin/experiment/own.py": ["own/test_own_members.py"],
     "controllers/linear_equation.py": ["controllers/test_linear_equation.py"],
     "controllers/laws/external.py": ["own/test_external_laws.py"],

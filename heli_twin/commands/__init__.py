@@ -138,7 +138,7 @@ def experiment_arguments(parsed: Namespace) -> tuple[str | None, list[str]]:
 
 def names_several(source: str) -> bool:
     """Return whether a preset or a TOML file is of several helicopters."""
-    from heli_twin.experiment.text import is_several
+    from heli_twin.experiment.toml_file import is_several
 
     return is_several(source)
 
@@ -171,7 +171,7 @@ def load_with(parsed: Namespace) -> None:
     """
     if parsed.own:
         from controllers.programs import supply
-        from heli_twin.experiment.families import is_reference, own_members
+        from heli_twin.experiment.named_classes import is_reference, own_members
 
         for reference in parsed.own:
             if is_reference(reference):

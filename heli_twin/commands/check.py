@@ -78,7 +78,8 @@ def _of_airframe(file: Path) -> "Iterator[Verdict]":
 def _members(what: str) -> Sequence[tuple[str, str, Callable[[], Any] | None]]:
     """What is to be checked: family, name, and what makes the member with its defaults; None for an airframe's file."""
     from controllers.laws.external import External
-    from heli_twin.experiment.families import FamilyError, is_reference, specs_at
+    from heli_twin.experiment.families import FamilyError
+    from heli_twin.experiment.named_classes import is_reference, specs_at
 
     if what.endswith(".xml"):
         return [("heli_twin.lab.plant", what, None)]

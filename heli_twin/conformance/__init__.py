@@ -24,7 +24,7 @@ from heli_twin.conformance import (
     trajectories,
 )
 from heli_twin.conformance.rules import NotConforming, names_its_further_states, require
-from heli_twin.experiment.families import needs_of_families
+from heli_twin.experiment.family_needs import needs_of_families
 
 __all__ = ["CHECKS", "Check", "NotConforming", "Verdict", "is_a_frozen_value", "is_frozen", "verdicts"]
 

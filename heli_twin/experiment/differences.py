@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
 from heli_twin.experiment.own import OWN
-from heli_twin.experiment.text import family_at, load, presets
+from heli_twin.experiment.places import family_at
+from heli_twin.experiment.text import load
+from heli_twin.experiment.toml_file import presets
 from heli_twin.experiment.tree import Tree, parsed, table_of, tree_of
 from heli_twin.experiment.values import ExperimentError
 from heli_twin.terminal_text import clean, instead, pasteable

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from heli_twin.experiment.text import table_in
+from heli_twin.experiment.toml_file import table_in
 from heli_twin.experiment.values import ExperimentError
 from heli_twin.terminal_text import clean
 

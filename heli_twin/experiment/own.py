@@ -13,8 +13,9 @@ from controllers.laws.external import External
 from controllers.markers import EachOf, by_name
 from controllers.programs import at_hand, is_marked
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.families import GROUPS, HELI_TWIN, all_members, source_hash
+from heli_twin.experiment.families import GROUPS, HELI_TWIN, all_members
 from heli_twin.experiment.fields import FieldInfo, fields_of
+from heli_twin.experiment.named_classes import source_hash
 from heli_twin.experiment.values import ExperimentError
 
 OWN = "own_class"

@@ -15,23 +15,13 @@ from typing import Any
 from controllers.programs import beside
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.fields import fields_of
+from heli_twin.experiment.named_files import with_content, with_members
 from heli_twin.experiment.own import with_commands
 from heli_twin.experiment.past import PHYSICS_VERSION, Tree, restore_past
+from heli_twin.experiment.paths import leaves_of, put_in, put_part
 from heli_twin.experiment.several import Several, checked_several
-from heli_twin.experiment.text import (
-    ROOM,
-    assignment,
-    leaves_of,
-    load,
-    names_a_kind,
-    parsed_file,
-    part_in,
-    presets,
-    put_in,
-    put_part,
-    with_content,
-    with_members,
-)
+from heli_twin.experiment.text import assignment, load, names_a_kind
+from heli_twin.experiment.toml_file import ROOM, parsed_file, part_in, presets
 from heli_twin.experiment.tree import (
     experiment_of,
     spec_of,

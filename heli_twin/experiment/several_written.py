@@ -10,9 +10,10 @@ from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
 from heli_twin.experiment.own import refuse_commands, with_program_at_hand
 from heli_twin.experiment.past import Tree, add_past, leave_out_past
+from heli_twin.experiment.places import family_at
 from heli_twin.experiment.several import Several
 from heli_twin.experiment.several_text import EVERY, SHIPS, load_several, several_of
-from heli_twin.experiment.text import ROOM, family_at, presets
+from heli_twin.experiment.toml_file import ROOM, presets
 from heli_twin.experiment.tree import physics_line, table_of, toml_lines, toml_text, tree_of
 from heli_twin.experiment.values import ExperimentError, check_size
 

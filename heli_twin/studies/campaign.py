@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from controllers.programs import to_send
-from heli_twin.experiment.families import own_sources
+from heli_twin.experiment.named_classes import own_sources
 from heli_twin.experiment.scenarios import MOST_SHIPS
 from heli_twin.experiment.several_text import EVERY
 from heli_twin.studies.columns import COMPLETED, SCORED

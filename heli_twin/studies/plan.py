@@ -18,7 +18,8 @@ from heli_twin.experiment.past import PHYSICS_VERSION
 from heli_twin.experiment.several import Several
 from heli_twin.experiment.several_text import load_several
 from heli_twin.experiment.several_written import is_several_json, several_json
-from heli_twin.experiment.text import is_several, load, presets
+from heli_twin.experiment.text import load
+from heli_twin.experiment.toml_file import is_several, presets
 from heli_twin.experiment.tree import canonical_json
 from heli_twin.metrics.reach import planned_reach
 from heli_twin.studies.axes import Ensemble, Values, axis_of

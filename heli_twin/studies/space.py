@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.own import refuse_commands
+from heli_twin.experiment.paths import put_part
 from heli_twin.experiment.several import Several
 from heli_twin.experiment.several_text import EVERY, SHIPS, put_several, several_of
 from heli_twin.experiment.several_written import is_several_json, parsed_several, several_json
-from heli_twin.experiment.text import put_part
 from heli_twin.experiment.tree import Tree, canonical_json, experiment_of, parsed
 from heli_twin.studies.axes import Axis
 

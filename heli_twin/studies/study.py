@@ -12,10 +12,13 @@ from annotated_types import Ge, Gt, Le, MinLen, doc
 
 from controllers.markers import OneOf
 from controllers.programs import beside
-from heli_twin.experiment.families import DESIGNS, HELI_TWIN, all_members, is_reference, members, own_member_in
+from heli_twin.experiment.families import DESIGNS, HELI_TWIN, all_members, members
 from heli_twin.experiment.help_text import explained
+from heli_twin.experiment.named_classes import is_reference, own_member_in
+from heli_twin.experiment.named_files import with_content, with_members
 from heli_twin.experiment.own import OWN, mark_of, with_commands
-from heli_twin.experiment.text import assignment, part_in, with_content, with_members
+from heli_twin.experiment.text import assignment
+from heli_twin.experiment.toml_file import part_in
 from heli_twin.experiment.tree import ExperimentError, Tree, spec_of
 from heli_twin.requirements import Requirement, requirements_of, table_of
 from heli_twin.studies.designs import Batches, Design

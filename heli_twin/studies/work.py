@@ -43,7 +43,8 @@ def fly_with_code(work: Work, files: str, code: str, task: Task) -> Flown | Trou
 def fly_task(task: Task) -> Flown | Trouble:
     """Fly a run; a failed flight is a row like any other, an invalid run is none."""
     from controllers.programs import receive
-    from heli_twin.experiment.families import FamilyError, load_own_sources
+    from heli_twin.experiment.families import FamilyError
+    from heli_twin.experiment.named_classes import load_own_sources
     from heli_twin.experiment.several_written import is_several_json, several_from_json
     from heli_twin.experiment.tree import ExperimentError, from_json
     from heli_twin.mission import ProgramMissing, fly

@@ -10,7 +10,7 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.parameters import NAMES, Lab, lab_of, of_experiment, vector
 from heli_twin.experiment import Experiment
-from heli_twin.experiment.text import table_in
+from heli_twin.experiment.toml_file import table_in
 from heli_twin.experiment.tree import ExperimentError
 from heli_twin.lab.disturbances.gust import Gust
 from heli_twin.terminal_text import clean

@@ -8,7 +8,7 @@ import pytest
 from annotated_types import Gt
 
 from heli_twin.experiment import Experiment, values
-from heli_twin.experiment.families import GROUPS, _kind, _ours, _specs_in, members
+from heli_twin.experiment.families import GROUPS, _ours, kind_of, members, specs_in
 from heli_twin.experiment.fields import fields_of
 
 PACKAGES = sorted(part.family.package for part in fields_of(Experiment).values() if part.family)
@@ -108,7 +108,7 @@ def test_the_text_of_our_files_tells_their_members(package):
     """A member is then loaded when it is asked for, and no other with it."""
     home = import_module(package)
     files = [f"{package}.{room.name}" for room in iter_modules(getattr(home, "__path__", []))]
-    loaded = [_kind(spec) for module in (home, *map(import_module, files)) for spec in _specs_in(module)]
+    loaded = [kind_of(spec) for module in (home, *map(import_module, files)) for spec in specs_in(module)]
     assert sorted(loaded) == list(members(package))
 
 

@@ -11,7 +11,8 @@ from heli_twin.experiment.scenarios import CrossingCircles, Formation, Random, S
 from heli_twin.experiment.several import Several, checked_several
 from heli_twin.experiment.several_text import changed_several, load_several
 from heli_twin.experiment.several_written import several_from_json, several_json, several_toml
-from heli_twin.experiment.text import is_several, load, presets
+from heli_twin.experiment.text import load
+from heli_twin.experiment.toml_file import is_several, presets
 from heli_twin.experiment.tree import ExperimentError
 
 OWN = ("ships.a.plant.mass=0.03", "ships.c.trajectory=hover", "ships.c.trajectory.y=1.5", 'shared=["gust"]')

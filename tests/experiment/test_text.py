@@ -13,7 +13,9 @@ from heli_twin.experiment import Experiment
 from heli_twin.experiment.families import members
 from heli_twin.experiment.fields import fields_of
 from heli_twin.experiment.past import PHYSICS_VERSION
-from heli_twin.experiment.text import load, presets, put
+from heli_twin.experiment.paths import put
+from heli_twin.experiment.text import load
+from heli_twin.experiment.toml_file import presets
 from heli_twin.experiment.tree import ExperimentError, canonical_json, experiment_of, from_json, toml_of, tree_of
 from heli_twin.experiment.values import LARGEST, SMALLEST
 from heli_twin.mission import checked

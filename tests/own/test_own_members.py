@@ -15,6 +15,7 @@ import pytest
 from heli_twin import Experiment, HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.experiment import families
+from heli_twin.experiment.named_classes import own_sources
 from heli_twin.logbook import write_own_source
 from heli_twin.recording import Attachment, Recorder
 from heli_twin.studies.campaign import run_study
@@ -207,7 +208,7 @@ def test_three_ways_to_name_a_design_plan_the_same(mine: Path, monkeypatch: pyte
 def test_designs_are_sent_to_no_worker(mine: Path) -> None:
     study_of({**DESIGN, "design": str(mine / "my_design.py")})
     load("lab", [f"controller={mine / 'my_law.py'}"])
-    assert [source.class_name for source in families.own_sources()] == ["MyLaw"]
+    assert [source.class_name for source in own_sources()] == ["MyLaw"]
 
 
 def test_an_axis_lists_laws_of_ones_own_by_their_files(mine: Path) -> None:
