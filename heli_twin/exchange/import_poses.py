@@ -25,7 +25,8 @@ from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import assignment, load
 from heli_twin.logbook import begin_log, planned_path
 from heli_twin.recording import LogError, Recorder
-from heli_twin.recording.log import ORIGIN_KEY, Times
+from heli_twin.recording.log import Times
+from heli_twin.recording.records import ORIGIN_KEY
 from heli_twin.terminal_text import instead
 
 

@@ -19,7 +19,7 @@ from heli_twin.metrics.several import pooled_metrics
 from heli_twin.metrics.tracking import metrics
 from heli_twin.recording import Log, LogError, read_log
 from heli_twin.recording.head import read_head
-from heli_twin.recording.log import Messages
+from heli_twin.recording.records import Messages
 
 ENDINGS = (".mcap", ".mcap.part")
 TOPICS = ("/truth", "/reference", "/mpc/qp", "/timing", "/command/sent")

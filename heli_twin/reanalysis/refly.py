@@ -22,8 +22,9 @@ from heli_twin.logbook import PHYSICS, flown_experiment, physics_notice
 from heli_twin.mission import Result, fly
 from heli_twin.recording import Log, flight_pb2, ships_pb2
 from heli_twin.recording.foxglove import LogMessage
-from heli_twin.recording.log import SHIP_KEY, Messages
+from heli_twin.recording.log import SHIP_KEY
 from heli_twin.recording.reader import within_ship
+from heli_twin.recording.records import Messages
 from heli_twin.recording.schema import LATER_WIRES, MEASURED, SHIP_WIRES, WIRES, topics_of
 from heli_twin.several.fly import SeveralResult, flown_several, fly_several
 from heli_twin.terminal_text import clean

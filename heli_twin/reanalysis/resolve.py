@@ -30,7 +30,8 @@ from heli_twin.experiment.text import assignment, changed
 from heli_twin.lab.plant import Air, Truth
 from heli_twin.logbook import begin_log, flown_experiment
 from heli_twin.recording import Log, LogError
-from heli_twin.recording.log import ORIGIN_KEY, Committed, Times
+from heli_twin.recording.log import Times
+from heli_twin.recording.records import ORIGIN_KEY, Committed
 
 INPUT_TOLERANCE = 1e-4
 """Allowed difference of u_0 on another host or build, fraction of full stick. The solver stops at 1e-5 and may stop one

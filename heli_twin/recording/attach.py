@@ -9,9 +9,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from heli_twin.recording.log import Attachment
 from heli_twin.recording.mcap_stream import McapStream
 from heli_twin.recording.reader import read_log
+from heli_twin.recording.records import Attachment
 from heli_twin.recording.schema import LogError
 from heli_twin.recording.unpacking import (
     MESSAGE,

@@ -10,8 +10,9 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Footer, MetadataIndex
 from mcap.writer import MCAP0_MAGIC
 
-from heli_twin.recording.log import Attachment, Log
+from heli_twin.recording.log import Log
 from heli_twin.recording.reader import check_format, ending_of, read_log, reading, ships_of
+from heli_twin.recording.records import Attachment
 from heli_twin.recording.schema import EXPERIMENT, LogError, unsealed
 from heli_twin.recording.unpacking import (
     MAX_RECORD_BYTES,

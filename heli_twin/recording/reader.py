@@ -13,7 +13,8 @@ from mcap.records import Channel, DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC
 
 from controllers.markers import checked_name
-from heli_twin.recording.log import OUTCOMES, Attachment, Ending, Log, Messages, ShipRecord
+from heli_twin.recording.log import Log
+from heli_twin.recording.records import OUTCOMES, Attachment, Ending, Messages, ShipRecord
 from heli_twin.recording.schema import EXPERIMENT, FORMAT, SHIP_WIRES, SHIPS, TOPICS, LogError, unsealed
 from heli_twin.recording.unpacking import (
     DAMAGE,

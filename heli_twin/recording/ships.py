@@ -8,7 +8,7 @@ from controllers.coordinations import CommittedPlan, Note
 from controllers.trajectories import Trajectory
 from heli_twin.lab.plant.shape import Primitive
 from heli_twin.recording import ships_pb2 as pb
-from heli_twin.recording.log import Attachment, Ending, OutcomeKind
+from heli_twin.recording.records import Attachment, Ending, OutcomeKind
 from heli_twin.recording.schema import EXPERIMENT, SHIPS_PROTO, sealed
 from heli_twin.recording.wires import Sink, Wires
 from heli_twin.recording.writer import LogWriter

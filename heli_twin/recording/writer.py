@@ -10,9 +10,10 @@ from typing import Self
 from heli_twin.lab.plant.shape import Primitive
 from heli_twin.recording.derived_topics import Timed
 from heli_twin.recording.growing_file import LogFile
-from heli_twin.recording.log import ORIGIN_KEY, Attachment, Log, OutcomeKind
+from heli_twin.recording.log import Log
 from heli_twin.recording.mcap_stream import McapStream
 from heli_twin.recording.reader import read_log
+from heli_twin.recording.records import ORIGIN_KEY, Attachment, OutcomeKind
 from heli_twin.recording.schema import (
     EXPERIMENT,
     FORMAT,

@@ -16,7 +16,8 @@ from controllers.signals import Array
 from controllers.supervisors import PHASES
 from heli_twin.errors import HeliTwinError
 from heli_twin.recording import Log
-from heli_twin.recording.log import OUTCOMES, Times
+from heli_twin.recording.log import Times
+from heli_twin.recording.records import OUTCOMES
 from heli_twin.requirements.formula import Trace
 
 OTHERS = "others"

@@ -30,7 +30,7 @@ from heli_twin.metrics.several import arrival, several_metrics
 from heli_twin.metrics.tracking import metrics
 from heli_twin.mission import checked, require_program, start_plant, start_state
 from heli_twin.recording import Attachment, Log, LogExistsError, read_log
-from heli_twin.recording.log import Ending
+from heli_twin.recording.records import Ending
 from heli_twin.recording.ships import ShipFacts, ShipsRecorder
 from heli_twin.several.room import Helicopters, Room, outcome_of_all
 from heli_twin.whole_file import free_path

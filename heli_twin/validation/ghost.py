@@ -8,7 +8,7 @@ from controllers.signals import Array
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.text import load
 from heli_twin.recording import Log
-from heli_twin.recording.log import Messages
+from heli_twin.recording.records import Messages
 from heli_twin.recording.schema import LAYOUTS
 from heli_twin.validation.forecast import BIN_S, HORIZON_BINS, Forecast, forecast, held_fit
 from heli_twin.validation.twins import noise_in, twin_of

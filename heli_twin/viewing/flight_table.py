@@ -19,7 +19,7 @@ from heli_twin.errors import HeliTwinError
 from heli_twin.flight import INTACT
 from heli_twin.logbook import viewed_experiment
 from heli_twin.recording import Log, read_log
-from heli_twin.recording.log import Messages
+from heli_twin.recording.records import Messages
 from heli_twin.viewing.blueprint import TIMELINE, Scales, layout, scene
 from heli_twin.viewing.delivery import APPLICATION, Destination
 from heli_twin.viewing.live import show

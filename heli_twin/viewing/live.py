@@ -16,7 +16,8 @@ import rerun as rr
 
 from heli_twin.errors import HeliTwinError
 from heli_twin.recording import read_log
-from heli_twin.recording.log import Log, Messages
+from heli_twin.recording.log import Log
+from heli_twin.recording.records import Messages
 from heli_twin.recording.schema import LogError
 from heli_twin.viewing.blueprint import TIMELINE, Scales, layout
 from heli_twin.viewing.delivery import (

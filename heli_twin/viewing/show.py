@@ -18,7 +18,7 @@ from heli_twin.experiment.differences import differences
 from heli_twin.lab.plant.airframe import shape_of
 from heli_twin.logbook import planned_path, viewed_experiment
 from heli_twin.recording import Log, read_log
-from heli_twin.recording.log import Messages
+from heli_twin.recording.records import Messages
 from heli_twin.recording.schema import LAYOUTS
 from heli_twin.requirements import Requirement, requirements_of
 from heli_twin.viewing.blueprint import Scales

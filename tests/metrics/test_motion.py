@@ -9,7 +9,7 @@ import pytest
 from heli_twin import fly, load
 from heli_twin.metrics.motion import errors, motion, outages, statistics
 from heli_twin.metrics.tracking import tracking_error
-from heli_twin.recording.log import Messages
+from heli_twin.recording.records import Messages
 
 
 @pytest.fixture(scope="module")

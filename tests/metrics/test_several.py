@@ -15,7 +15,7 @@ from heli_twin.experiment.several_text import load_several
 from heli_twin.metrics.flat import flat
 from heli_twin.metrics.several import arrival, flown_paths, least_over_time, nearest, pooled_metrics, several_metrics
 from heli_twin.metrics.tracking import metrics
-from heli_twin.recording.log import Messages
+from heli_twin.recording.records import Messages
 from heli_twin.several.fly import SeveralResult, fly_several, wishes_of
 
 

@@ -12,7 +12,7 @@ from heli_twin import HeliTwinError, fly, load
 from heli_twin.cli import main
 from heli_twin.reanalysis.reestimate import CHI2_95, Consistency, _between, error, reestimate, same_bits
 from heli_twin.recording import Log
-from heli_twin.recording.log import Messages
+from heli_twin.recording.records import Messages
 
 
 @pytest.fixture(scope="module")

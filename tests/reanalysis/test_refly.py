@@ -13,7 +13,7 @@ from heli_twin.commands.refly import judge
 from heli_twin.logbook import flown_experiment
 from heli_twin.reanalysis.refly import first_difference, refly
 from heli_twin.recording import Log, recover
-from heli_twin.recording.log import Messages
+from heli_twin.recording.records import Messages
 
 
 @pytest.fixture(scope="module")

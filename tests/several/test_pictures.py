@@ -18,7 +18,7 @@ from heli_twin.films.ships import cylinder, planned_ahead, room_of, shown_ships
 from heli_twin.lab.plant.renderer import Camera, Pose, Renderer
 from heli_twin.plots import plot
 from heli_twin.recording import Log, read_log
-from heli_twin.recording.log import Committed
+from heli_twin.recording.records import Committed
 from heli_twin.several.fly import fly_several
 from heli_twin.viewing.delivery import Destination
 from heli_twin.viewing.show import ShownShips, flights
