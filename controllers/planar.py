@@ -55,34 +55,39 @@ class Planar:
         self._pulled = self._pull.reshape(4 * n, 6 * n - 6)
         self._S, self._last = np.empty((2 * n + 4, 2 * n)), np.empty((6, 2 * n))
         self._last[_VX] = V[-1].reshape(2, 2 * n)
-        self._moved = np.empty((2, n, n, 2))
-        """Displacement in x and y in each period over the inputs (N, 2)."""
+        moved = np.empty((2, n, n, 2))
+        self._moved = moved.reshape(2 * n, 2 * n)
+        """Displacement in x, then in y, in each period over the inputs (N, 2)."""
+        # Views of what is written in every condensing: to make one takes as long as to multiply.
+        self._turned = (moved[0, :, :, 0], moved[1, :, :, 0], moved[0, :, :, 1], moved[1, :, :, 1])
+        self._ways = moved.reshape(2, n, 2 * n)
+        self._stages, self._end = self._S[:-6].reshape(2, n - 1, 2 * n), self._S[-6:]
 
     def condense(self, x_nominal: Array, AB: Array | None, sqrt_Qf: Array) -> tuple[Array, Array]:
         """Return H and the velocity rows C, which never change."""
-        S, moved, (ahead, to_port, to_starboard) = self._S, self._moved, self._own
-        yaw = x_nominal[:-1, 3]
-        c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-        n = len(yaw)
-        np.multiply(c, ahead, out=moved[0, :, :, 0])
-        np.multiply(s, ahead, out=moved[1, :, :, 0])
-        np.multiply(s, to_starboard, out=moved[0, :, :, 1])
-        np.multiply(c, to_port, out=moved[1, :, :, 1])
-        weighted = self._roots @ moved.reshape(2, n, 2 * n)
-        S[:-6].reshape(2, n - 1, 2 * n)[...] = weighted[:, :-2]
+        S, (ahead, to_port, to_starboard) = self._S, self._own
+        yaw = x_nominal[:-1, 3:4]
+        c, s = np.cos(yaw), np.sin(yaw)
+        x_ahead, y_ahead, x_port, y_port = self._turned
+        np.multiply(c, ahead, x_ahead)
+        np.multiply(s, ahead, y_ahead)
+        np.multiply(s, to_starboard, x_port)
+        np.multiply(c, to_port, y_port)
+        weighted = self._roots @ self._ways
+        self._stages[...] = weighted[:, :-2]
         self._last[_X], self._last[_INTEGRAL] = weighted[:, -2], weighted[:, -1]
-        np.dot(sqrt_Qf, self._last, out=S[-6:])
+        np.dot(sqrt_Qf, self._last, self._end)
         H = S.T @ S
         H += self._constant
         return H, self._C
 
     def gradient(self, off: Array, sqrt_Qf: Array) -> Array:
         """Return the gradient (2N,) of the states' cost for states 1 .. N that are `off` (N, 6) from the reference."""
-        n = len(off)
+        n = len(self._moved)
         pull = self._pulled @ off[:-1].ravel()
-        g = pull[: 2 * n] @ self._moved.reshape(2 * n, 2 * n)
-        g += pull[2 * n :]
-        g += (sqrt_Qf @ off[-1]) @ self._S[-6:]
+        g = pull[:n] @ self._moved
+        g += pull[n:]
+        g += (sqrt_Qf @ off[-1]) @ self._end
         return g
 
     def states(self, du: Array) -> Array:
@@ -90,6 +95,6 @@ class Planar:
         n, du = len(du), du.ravel()
         x = np.zeros((n + 1, 6))
         x[:, _VX] = (self._V @ du).reshape(-1, 2)
-        moved = self._sums @ (self._moved.reshape(2 * n, 2 * n) @ du).reshape(2, n).T
+        moved = self._sums @ (self._moved @ du).reshape(2, n).T
         x[1:, _X], x[1:, _INTEGRAL] = moved[:n], moved[n:]
         return x

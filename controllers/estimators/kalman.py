@@ -150,8 +150,9 @@ class KalmanFilter:
         stamp = now + self._delay if self._spec.roll_forward else now
         until = stamp if self._spec.roll_forward else now - self._age
         x = self._predict(self._x, self._stamp, until)
-        variance = np.array([(p00, p11, p22) for p00, _, _, p11, _, p22 in self._spread(until)])
-        return Estimate(stamp, np.array(x), np.array(self._push(until)), variance, self._stamp, self._rejected)
+        variance = np.array([p for p00, _, _, p11, _, p22 in self._spread(until) for p in (p00, p11, p22)])
+        push = np.array(self._push(until))
+        return Estimate(stamp, np.array(x), push, variance.reshape(4, 3), self._stamp, self._rejected)
 
     def covariance(self, until: int) -> Array:
         """Covariances (4, 3, 3) of position, velocity and disturbance of each axis x y z yaw at `until` (ns)."""
@@ -183,9 +184,8 @@ class KalmanFilter:
                 # The predicted motion is still the best guess, but its covariance is not valid any more.
                 self._restart(stamp, _corrected(x, innovation, (0.0, 0.0, 0.0, 0.0)))
             return
-        left, changes = zip(*map(_fused, spread, S, innovation), strict=True)
+        self._P, changes = _fused(spread, S, innovation)
         (dx, dvx, dax), (dy, dvy, day), (dz, dvz, daz), (dyaw, dr, dar) = changes
-        self._P = left
         self._x = _corrected(x, (dx, dy, dz, dyaw), (dvx, dvy, dvz, dr))
         self._d = (d[0] + dax, d[1] + day, d[2] + daz, d[3] + dar)
         self._average(stamp - since)
@@ -240,7 +240,7 @@ class KalmanFilter:
 
     def _spread(self, until: int) -> "list[Spread]":
         """The covariances of each axis, predicted to `until` (ns)."""
-        return [*map(_predicted, self._P, self._transition(max(until - self._stamp, 0)))]
+        return _predicted(self._P, self._transition(max(until - self._stamp, 0)))
 
     def _transition_over(self, time: int) -> "list[Transition]":
         """Transition of the covariance of each axis over `time` ns."""
@@ -260,21 +260,36 @@ Transition = tuple[float, float, float, float, float, float]
 """a b c e of F = [[1, a, b], [0, c, e], [0, 0, 1]], and the variances that velocity and disturbance gain."""
 
 
-def _predicted(P: Spread, transition: Transition) -> Spread:
-    """F P F' + W."""
-    p00, p01, p02, p11, p12, p22 = P
-    a, b, c, e, velocity_walk, walk = transition
-    q01, q02, q12 = p01 + a * p11 + b * p12, p02 + a * p12 + b * p22, c * p12 + e * p22
-    q00, q11 = p00 + a * (p01 + q01) + b * (p02 + q02), c * (c * p11 + e * p12) + e * q12 + velocity_walk
-    return (q00, c * q01 + e * q02, q02, q11, q12, p22 + walk)
+# One call for all axes: a call takes as long as a third of the arithmetic of one.
+def _predicted(spreads: Sequence[Spread], transitions: Sequence[Transition]) -> list[Spread]:
+    """F P F' + W of each axis."""
+    predicted: list[Spread] = []
+    for P, transition in zip(spreads, transitions, strict=True):
+        p00, p01, p02, p11, p12, p22 = P
+        a, b, c, e, velocity_walk, walk = transition
+        q01, q02, q12 = p01 + a * p11 + b * p12, p02 + a * p12 + b * p22, c * p12 + e * p22
+        q00, q11 = p00 + a * (p01 + q01) + b * (p02 + q02), c * (c * p11 + e * p12) + e * q12 + velocity_walk
+        predicted.append((q00, c * q01 + e * q02, q02, q11, q12, p22 + walk))
+    return predicted
 
 
-def _fused(P: Spread, S: float, innovation: float) -> tuple[Spread, tuple[float, float, float]]:
-    """P after a position with an innovation of variance S, and the changes of position, velocity and disturbance."""
-    p00, p01, p02, p11, p12, p22 = P
-    k0, k1, k2 = p00 / S, p01 / S, p02 / S
-    left = (p00 - k0 * p00, p01 - k0 * p01, p02 - k0 * p02, p11 - k1 * p01, p12 - k1 * p02, p22 - k2 * p02)
-    return left, (k0 * innovation, k1 * innovation, k2 * innovation)
+def _fused(
+    spreads: Sequence[Spread], variances: Errors, innovations: Errors
+) -> tuple[list[Spread], list[tuple[float, float, float]]]:
+    """P of each axis after a position with an innovation, and the changes of position, velocity and disturbance.
+
+    Args:
+        spreads: P before.
+        variances: Of the innovations.
+        innovations: Measured minus predicted positions.
+    """
+    left: list[Spread] = []
+    changes: list[tuple[float, float, float]] = []
+    for (p00, p01, p02, p11, p12, p22), S, innovation in zip(spreads, variances, innovations, strict=True):
+        k0, k1, k2 = p00 / S, p01 / S, p02 / S
+        left.append((p00 - k0 * p00, p01 - k0 * p01, p02 - k0 * p02, p11 - k1 * p01, p12 - k1 * p02, p22 - k2 * p02))
+        changes.append((k0 * innovation, k1 * innovation, k2 * innovation))
+    return left, changes
 
 
 def heading(quat_wxyz: Array) -> float:

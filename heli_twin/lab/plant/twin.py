@@ -160,27 +160,28 @@ class Twin:
         if off_grid or target < self._steps:
             now = self._steps * self._step_ns
             raise ValueError(f"until = {until} ns has to be {now} ns plus whole steps of {self._step_ns} ns")
-        if not all(map(isfinite, u.tolist())):
+        asked = u.tolist()
+        # What acts already is finite.
+        if asked != self._u and not all(map(isfinite, asked)):
             raise ValueError(f"the input is not finite: {u}")
         if target == self._steps:
             return
-        self.hold(u, air)
+        self.hold(asked, air)
         while self._steps < target and not self._parts.prefix:
             steps = self.due(target)
             self._step(steps)
             self.passed(steps)
 
-    def hold(self, u: Array, air: Air) -> None:
-        """Take over the input (4,) and the air that act from now on."""
-        asked = u.tolist()
+    def hold(self, u: list[float], air: Air) -> None:
+        """Take over the four inputs and the air that act from now on."""
         if air is not self._air:
             self._air, self._moment = air, air.moment
             self._wind[:], self._force[:] = air.wind, self._parts.mass * air.acceleration
         if self.gyro_works != self._gyro_worked:
             self._gyro_worked = self.gyro_works
             self._parts.motion.damp_yaw(self.gyro_works)
-        if asked != self._u:
-            self._u = asked
+        if u != self._u:
+            self._u = u
             self._act()
 
     def due(self, target: int) -> int:

@@ -22,7 +22,7 @@ from heli_twin.lab.plant.twin import Parts, Twin
 EACH_OTHER = 2
 """Bit of the shapes that touch those of other helicopters; bit 1 is of those that touch the floor."""
 PARKED_M = 1000.0
-OFF = np.zeros(4)
+OFF = [0.0] * 4
 """Input (4,) of motors that are switched off."""
 
 
