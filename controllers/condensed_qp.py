@@ -84,15 +84,6 @@ class Limits(NamedTuple):
         return bool((np.abs(np.diff(u, axis=0, prepend=before[None])) <= self.travel).all())
 
 
-class Off(NamedTuple):
-    """Deviation of the nominal flight from the reference."""
-
-    x: Array
-    """(N + 1, n) nominal states minus reference states."""
-    u: Array
-    """(N, 4) nominal inputs minus reference inputs."""
-
-
 class Responses(Protocol):
     """The predicted states of one subsystem as functions of its stacked inputs du (Nm,)."""
 
@@ -101,7 +92,7 @@ class Responses(Protocol):
         ...
 
     def gradient(self, off: Array, sqrt_Qf: Array) -> Array:
-        """Return the gradient (Nm,) of the states' cost for states 1 .. N that are `off` (N, n) from the reference."""
+        """Return the gradient (Nm,) of the cost where states 1 .. N and inputs are `off` (N, n + m) the reference's."""
         ...
 
     def states(self, du: Array) -> Array:
@@ -175,10 +166,13 @@ class StepByStep:
         return H, G[1:].take(self._velocities, axis=1).reshape(len(H), len(H))
 
     def gradient(self, off: Array, sqrt_Qf: Array) -> Array:
-        """Return S'e for the weighted errors e of the nominal states."""
+        """Return S'e + R d for the weighted errors e of the nominal states, and the errors d of the inputs."""
+        n = len(sqrt_Qf)
         np.multiply(off[:-1, self._weighted], self._root_Q, out=self._stage_errors)
-        np.dot(sqrt_Qf, off[-1], out=self._error[-len(sqrt_Qf) :])
-        return self._error @ self._S
+        np.dot(sqrt_Qf, off[-1, :n], out=self._error[-n:])
+        g = self._error @ self._S
+        g += self._R * off[:, n:].ravel()
+        return g
 
     def states(self, du: Array) -> Array:
         """Return the change (N + 1, n) of the predicted states under changes du (N, m) of the inputs."""
@@ -205,9 +199,11 @@ class Condenser:
         own = Limits(*(bound[subsystem.inputs] for bound in limits))
         u_min, u_max, v_max, self._travel = own
         self._bounds, self._shape = np.array([[-v_max, v_max], [u_min, u_max]])[:, :, None], (steps, len(v_max))
+        self._columns = np.concatenate([subsystem.states, subsystem.inputs - 4])
+        """Its states and inputs among those of the whole model, the inputs counted from the end."""
         self._responses = responses or StepByStep(steps, subsystem, w)
         self._constant: tuple[Array, Array, Array] | None = None
-        """H and C of a constant subsystem, and its gradient for each error of the states."""
+        """H and C of a constant subsystem, and its gradient for each error of the states and inputs."""
         self._inverse: Array | None = None
         """Of the H of a constant subsystem."""
         self._changes: Array | None = None
@@ -215,10 +211,9 @@ class Condenser:
         if own.slow:
             self._changes = np.eye(steps * len(v_max)) - np.eye(steps * len(v_max), k=-len(v_max))
 
-    def _all(
-        self, x_nominal: Array, AB: Array | None, root: Array, shape: tuple[int, ...]
-    ) -> tuple[Array, Array, Array]:
+    def _all(self, x_nominal: Array, AB: Array | None, root: Array) -> tuple[Array, Array, Array]:
         H, C = self._responses.condense(x_nominal, AB, root)
+        shape = self._shape[0], len(self._columns)
         units = np.eye(shape[0] * shape[1]).reshape(-1, *shape)
         return H, C, np.stack([self._responses.gradient(unit, root) for unit in units])
 
@@ -230,33 +225,30 @@ class Condenser:
         return self._responses.states(du)
 
     def __call__(
-        self, AB: Array | None, x_nominal: Array, u_nominal: Array, off: Off, sqrt_Qf: Array | None = None
+        self, AB: Array | None, x_nominal: Array, u_nominal: Array, off: Array, sqrt_Qf: Array | None = None
     ) -> CondensedQp:
         """Condense one horizon: its cost and its bounds; arguments as of `cost` and `bounded`."""
         return self.bounded(self.cost(AB, x_nominal, off, sqrt_Qf), x_nominal, u_nominal, u_nominal[0])
 
-    def cost(self, AB: Array | None, x_nominal: Array, off: Off, sqrt_Qf: Array | None = None) -> Cost:
+    def cost(self, AB: Array | None, x_nominal: Array, off: Array, sqrt_Qf: Array | None = None) -> Cost:
         """Condense the cost of one horizon.
 
         Args:
             AB: (N, n, n + m) linear model of the subsystem; not needed for responses in closed form.
             x_nominal: (N + 1, nx) nominal states of the whole model.
-            off: Nominal states and inputs of the whole model minus those of the reference.
+            off: (N, nx + 4) states 1 .. N and inputs 0 .. N - 1 of the whole model minus those of the reference.
             sqrt_Qf: (n, n) root of this horizon's terminal weight if it differs; not with constant matrices.
         """
-        subsystem, root = self._subsystem, self._w.sqrt_Qf if sqrt_Qf is None else sqrt_Qf
-        x_off = off.x[1:].take(subsystem.states, axis=1)
-        if not subsystem.constant:
+        root = self._w.sqrt_Qf if sqrt_Qf is None else sqrt_Qf
+        own = off.take(self._columns, axis=1)
+        if not self._subsystem.constant:
             H, C = self._responses.condense(x_nominal, AB, root)
-            g = self._responses.gradient(x_off, root)
-        else:
-            if self._constant is None:
-                self._constant = self._all(x_nominal, AB, root, x_off.shape)
-                self._inverse = cast(Array, np.linalg.inv(self._constant[0]))
-            H, C, gradients = self._constant
-            g = x_off.ravel() @ gradients
-        g += (self._w.R * off.u[:, subsystem.input_columns]).ravel()
-        return Cost(H, g, C)
+            return Cost(H, self._responses.gradient(own, root), C)
+        if self._constant is None:
+            self._constant = self._all(x_nominal, AB, root)
+            self._inverse = cast(Array, np.linalg.inv(self._constant[0]))
+        H, C, gradients = self._constant
+        return Cost(H, own.ravel() @ gradients, C)
 
     def minimiser(self, cost: Cost) -> Array:
         """Return the changes (Nm,) of the inputs of least cost, whatever the bounds; NaN without curvature."""

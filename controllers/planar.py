@@ -42,17 +42,20 @@ class Planar:
         self._sums = np.concatenate([position, integral])
         Q = w.sqrt_Q**2
         self._roots = np.empty((2, n + 1, n))
-        self._pull = np.zeros((4, n, n - 1, 6))
+        # Over the errors of states 1 .. N, the last one weighted already, and of the inputs.
+        pull = np.zeros((4, n, n, 8))
         for axis in (0, 1):
             costs = [Q[axis + 4 * i] * sums[:-1].T @ sums[:-1] for i, sums in enumerate((position, integral))]
             self._roots[axis] = [*sqrt_weight(costs[0] + costs[1])[:-1], position[-1], integral[-1]]
-            self._pull[axis, :, :, axis] = Q[axis] * position[:-1].T
-            self._pull[axis, :, :, 4 + axis] = Q[4 + axis] * integral[:-1].T
+            pull[axis, :, :, axis] = np.append(np.full(n - 1, Q[axis]), 1.0) * position.T
+            pull[axis, :, :, 4 + axis] = np.append(np.full(n - 1, Q[4 + axis]), 1.0) * integral.T
         speeds = V[1:-1].reshape(n - 1, 2, 2 * n)
         braked = (speeds * Q[_VX, None]).reshape(2 * n - 2, 2 * n)
         self._constant = braked.T @ speeds.reshape(2 * n - 2, 2 * n) + np.diag(np.tile(w.R, n))
-        self._pull[2:].reshape(2 * n, n - 1, 6)[:, :, _VX] = braked.T.reshape(2 * n, n - 1, 2)
-        self._pulled = self._pull.reshape(4 * n, 6 * n - 6)
+        of_inputs = pull[2:].reshape(2 * n, n, 8)
+        of_inputs[:, :-1, _VX], of_inputs[:, -1, _VX] = braked.T.reshape(2 * n, n - 1, 2), V[-1].reshape(2, 2 * n).T
+        of_inputs[:, :, _U] = np.diag(np.tile(w.R, n)).reshape(2 * n, n, 2)
+        self._pulled = pull.reshape(4 * n, 8 * n)
         self._S, self._last = np.empty((2 * n + 4, 2 * n)), np.empty((6, 2 * n))
         self._last[_VX] = V[-1].reshape(2, 2 * n)
         moved = np.empty((2, n, n, 2))
@@ -82,12 +85,13 @@ class Planar:
         return H, self._C
 
     def gradient(self, off: Array, sqrt_Qf: Array) -> Array:
-        """Return the gradient (2N,) of the states' cost for states 1 .. N that are `off` (N, 6) from the reference."""
-        n = len(self._moved)
-        pull = self._pulled @ off[:-1].ravel()
+        """Return the gradient (2N,) of the cost where states 1 .. N and inputs are `off` (N, 8) from the reference."""
+        n, last = len(self._moved), off[-1, :6]
+        off = off.copy()
+        off[-1, :6] = (sqrt_Qf @ last) @ sqrt_Qf
+        pull = self._pulled @ off.ravel()
         g = pull[:n] @ self._moved
         g += pull[n:]
-        g += (sqrt_Qf @ off[-1]) @ self._end
         return g
 
     def states(self, du: Array) -> Array:

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from controllers.condensed_qp import CondensedQp, Condenser, Cost, Limits, Off, Responses, Weights
+from controllers.condensed_qp import CondensedQp, Condenser, Cost, Limits, Responses, Weights
 from controllers.fallback import safe_hover
 from controllers.ltv import Ltv, Subsystem, shift
 from controllers.model import Model
@@ -75,8 +75,8 @@ class RecedingHorizon(ABC):
         # All of them at once: NumPy takes twice as long where it has to repeat a row.
         low, high = np.array([self._limits.u_min, -self._limits.v_max]), np.array([*self._limits[1:3]])
         self._low, self._high = (bound[:, None].repeat(spec.steps, axis=1) for bound in (low, high))
-        self._free = np.empty((2, spec.steps, len(model.u_min)))
-        """The inputs, and the velocities that they drive, of least cost."""
+        self._free, self._changes = np.empty((2, 2, spec.steps, len(model.u_min)))
+        """The inputs, and the velocities that they drive, of least cost; and their changes from the nominal ones."""
         self._state_order = np.argsort(np.concatenate([part.states for part in subsystems]))
         self._u_nominal: Array | None = None
         self._planned: tuple[Ltv, Array, QpReport] | None = None
@@ -133,13 +133,13 @@ class RecedingHorizon(ABC):
         The cost is strictly convex: where its minimiser without bounds keeps them all, it is the answer. Elsewhere
         ProxQP is asked, which softens the velocity bounds if it has to.
         """
-        free, (u, speeds), objective = self._free, self._free, 0.0
+        free, (u, speeds), (du, dv), objective = self._free, self._free, self._changes, 0.0
         for problem, cost in zip(self._problems, costs, strict=True):
-            du, part = problem.condenser.minimiser(cost), problem.subsystem
-            u_nominal, v_nominal = ltv.u_nominal[:, part.input_columns], ltv.x_nominal[1:, part.velocity_columns]
-            np.add(u_nominal, du.reshape(u_nominal.shape), out=u[:, part.input_columns])
-            np.add(v_nominal, (cost.C @ du).reshape(u_nominal.shape), out=speeds[:, part.input_columns])
-            objective += 0.5 * float(cost.g @ du)
+            part, shape, columns = problem.condenser.minimiser(cost), problem.shape, problem.subsystem.input_columns
+            du[:, columns], dv[:, columns] = part.reshape(shape), (cost.C @ part).reshape(shape)
+            objective += 0.5 * float(cost.g @ part)
+        np.add(ltv.u_nominal, du, u)
+        np.add(ltv.x_nominal[1:, 4:8], dv, speeds)
         # To look for a 0 among the bytes takes a third of the time of `all`; NaN is not within.
         kept = 0 not in (free >= self._low).tobytes() and 0 not in (free <= self._high).tobytes()
         if kept and (not self._slow or self._limits.keep_travel(u, self.before)):
@@ -169,7 +169,7 @@ class RecedingHorizon(ABC):
         """The nominal inputs (N, 4): the shifted last plan, at first the reference's inputs u_ref (N, 4)."""
         return np.clip(u_ref, self._limits.u_min, self._limits.u_max) if self._u_nominal is None else self._u_nominal
 
-    def condensed(self, ltv: Ltv, off: Off, sqrt_Qf: Sequence[Array | None]) -> list[Cost]:
+    def condensed(self, ltv: Ltv, off: Array, sqrt_Qf: Sequence[Array | None]) -> list[Cost]:
         """Condense the cost of each subsystem; arguments as `Condenser.cost` takes them, roots one a subsystem."""
         return [
             problem.condenser.cost(AB, ltv.x_nominal, off, root)
@@ -177,14 +177,24 @@ class RecedingHorizon(ABC):
         ]
 
 
-def without_turns(x_off: Array) -> None:
-    """Take whole turns out of errors of the state (N + 1, n), in place.
+def off_reference(ltv: Ltv, x_ref: Array, u_ref: Array) -> Array:
+    """Return states 1 .. N and inputs 0 .. N - 1 of the nominal flight minus those of the reference, (N, n + 4).
 
-    The estimate and the plan can differ by whole turns: each counts them from its own start.
+    Whole turns are no error: the estimate and the plan each count them from their own start.
+
+    Args:
+        ltv: The nominal flight.
+        x_ref: (N + 1, k) reference of the k first states; that of the others is 0.
+        u_ref: (N, 4) reference inputs.
     """
-    turns = round(float(x_off[0, 3]) / (2.0 * pi))
+    x, k = ltv.x_nominal, x_ref.shape[1]
+    off = np.concatenate((x[1:], ltv.u_nominal), axis=1)
+    off[:, :k] -= x_ref[1:]
+    off[:, x.shape[1] :] -= u_ref
+    turns = round((float(x[0, 3]) - float(x_ref[0, 3])) / (2.0 * pi))
     if turns:
-        x_off[:, 3] -= 2.0 * pi * turns
+        off[:, 3] -= 2.0 * pi * turns
+    return off
 
 
 class _Problem:
@@ -202,7 +212,8 @@ class _Problem:
         AB, x, u = hover.parts[place], hover.x_nominal, hover.u_nominal
         self.subsystem, self.weights = subsystem, weights.of(subsystem)
         self.condenser = Condenser(len(u), limits, subsystem, self.weights, responses)
-        self._sample = self.condenser(AB, x, u, Off(np.zeros_like(x), np.zeros_like(u)))
+        self.shape = len(u), len(subsystem.inputs)
+        self._sample = self.condenser(AB, x, u, np.zeros((len(u), x.shape[1] + u.shape[1])))
 
     @cached_property
     def solver(self) -> ProxQp:

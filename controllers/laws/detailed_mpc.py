@@ -8,12 +8,12 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.condensed_qp import Cost, Off, StepByStep, Weights, riccati_terminal_weight, sqrt_weight
+from controllers.condensed_qp import Cost, StepByStep, Weights, riccati_terminal_weight, sqrt_weight
 from controllers.detailed_flatness import HIGHEST_DERIVATIVE, prepared_reference
 from controllers.detailed_ltv import HEIGHT_AND_YAW, PLANE, DetailedLinearisation, Disturbances
 from controllers.detailed_model import ESTIMATED_STATES, EXTRA_STATES, N_DETAILED, DetailedModel
 from controllers.ltv import Ltv
-from controllers.receding import RecedingHorizon, without_turns
+from controllers.receding import RecedingHorizon, off_reference
 from controllers.servo_play import ServoPlay
 from controllers.signals import Array, Command, Estimate, NamedState, Reference
 
@@ -135,17 +135,16 @@ class DetailedMpcController(RecedingHorizon):
         x_ref, u_ref = self._reference.against(self._samples(reference), acting)
         u_nominal = self.nominal(u_ref)
         ltv = self._linearise(np.concatenate([estimate.x, extra[:8]]), u_nominal, acting, self._plane.fly)
-        x_off, yaw = ltv.x_nominal - x_ref, float(ltv.x_nominal[-1, 3])
-        without_turns(x_off)
+        off, yaw = off_reference(ltv, x_ref, u_ref), float(ltv.x_nominal[-1, 3])
         # The terminal weight holds at yaw = 0: positions are turned into the body frame at the end of the horizon.
         c, s = cos(yaw), sin(yaw)
         turned = np.array([[c, s], [-s, c]])
         of_gust = self._gust_target @ (turned @ (self._decay * gust))
         of_gust[:2] = of_gust[:2] @ turned
-        x_off[-1, PLANE.states] += of_gust
+        off[-1, PLANE.states] += of_gust
         root = self._problems[0].weights.sqrt_Qf.copy()
         root[:, :2] = root[:, :2] @ turned
-        return ltv, self.condensed(ltv, Off(x_off, u_nominal - u_ref), (root, None))
+        return ltv, self.condensed(ltv, off, (root, None))
 
 
 @lru_cache(8)

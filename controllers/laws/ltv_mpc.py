@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit, doc
 
-from controllers.condensed_qp import Cost, Off, Weights, riccati_terminal_weight, sqrt_weight
+from controllers.condensed_qp import Cost, Weights, riccati_terminal_weight, sqrt_weight
 from controllers.ltv import NO_PUSH, SUBSYSTEMS, Coupling, Discretisation, Linearisation, Ltv
 from controllers.model import Model
 from controllers.planar import Planar
-from controllers.receding import RecedingHorizon, without_turns
+from controllers.receding import RecedingHorizon, off_reference
 from controllers.rotations import rotate_to_body
 from controllers.signals import Array, Estimate, Reference
 
@@ -119,14 +119,11 @@ class LtvMpcController(RecedingHorizon):
             ltv = Ltv(_NO_MATRICES, self._linearise.rollout(*flight), u_nominal)
         else:
             ltv = self._linearise(*flight)
-        x_off, u_off = ltv.x_nominal.copy(), u_nominal - u_ref
-        x_off[:, :8] -= reference.x
-        without_turns(x_off)
         roots: list[Array | None] = [None] * len(self._problems)
         if spec.terminal == "riccati":
             at_heading = self._weights_at_heading(ltv.x_nominal[-1, 3])
             roots = [at_heading.of(problem.subsystem).sqrt_Qf for problem in self._problems]
-        return ltv, self.condensed(ltv, Off(x_off, u_off), roots)
+        return ltv, self.condensed(ltv, off_reference(ltv, reference.x, u_ref), roots)
 
     def _weights_at_heading(self, yaw: Array) -> Weights:
         """The Riccati weight was computed for yaw = 0: rotate it to the yaw at the end of the horizon."""

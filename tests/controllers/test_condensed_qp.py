@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag, null_space, solve_discrete_are
 from whole_model import whole
 
-from controllers.condensed_qp import Condenser, Cost, Limits, Off, Weights, riccati_terminal_weight
+from controllers.condensed_qp import Condenser, Cost, Limits, Weights, riccati_terminal_weight
 from controllers.ltv import SUBSYSTEMS, WHOLE, Linearisation
 from controllers.model import Model
 from controllers.planar import Planar
@@ -32,7 +32,7 @@ class Problem:
         root = rng.uniform(-1, 1, (10, 10))
         self.Q, self.R, self.Qf = np.diag(rng.uniform(0.1, 50, 10)), np.diag(rng.uniform(0.5, 5, 4)), 10 * root.T @ root
         self.weights = Weights(np.sqrt(np.diag(self.Q)), np.diag(self.R), np.sqrt(10) * root)
-        self.off = Off(self.ltv.x_nominal - self.x_ref, self.ltv.u_nominal - self.u_ref)
+        self.off = np.hstack([self.ltv.x_nominal[1:] - self.x_ref[1:], self.ltv.u_nominal - self.u_ref])
         self.A, self.B = whole(self.ltv)
 
     def condenser(self, limits=LIMITS):
@@ -175,7 +175,7 @@ def test_a_measured_state_that_noise_has_put_over_its_limit_leaves_a_solution():
     u = np.tile([-1.0, 0.0, MODEL.u_hover[2], 0.0], (5, 1))
     ltv = Linearisation(MODEL, K_I, PERIOD, "full", "euler")(x0, u, np.zeros((6, 2)))
     ones = Weights(np.ones(10), np.ones(4), np.eye(10))
-    off = Off(ltv.x_nominal, np.zeros((5, 4)))
+    off = np.hstack([ltv.x_nominal[1:], np.zeros((5, 4))])
     qp = Condenser(5, LIMITS, WHOLE, ones)(ltv.parts[0], ltv.x_nominal, u, off)
     # Full brake takes 0.07 m/s off in the first period: no departure from it is needed.
     assert (qp.v_high >= 0.0).all()
@@ -296,7 +296,7 @@ def test_one_step_of_the_plainest_model_by_hand():
     off = x.copy()
     off[1, 0] -= 3.0
     still = np.zeros((1, 4))
-    qp = Condenser(1, LIMITS, WHOLE, weights)(AB, x, still, Off(off, still))
+    qp = Condenser(1, LIMITS, WHOLE, weights)(AB, x, still, np.hstack([off[1:], still]))
     np.testing.assert_array_equal(qp.H, np.diag([6.0, 2.0, 2.0, 2.0]))
     np.testing.assert_array_equal(qp.g, [-8.0, 0.0, 0.0, 0.0])
 
