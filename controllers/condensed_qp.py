@@ -7,6 +7,7 @@ the predicted velocities and, where servos are slow, of the travel of the inputs
 measured state is not bounded: noise alone could make that infeasible.
 """
 
+from math import prod
 from typing import NamedTuple, Protocol, cast
 
 import numpy as np
@@ -202,8 +203,9 @@ class Condenser:
         self._columns = np.concatenate([subsystem.states, subsystem.inputs - 4])
         """Its states and inputs among those of the whole model, the inputs counted from the end."""
         self._responses = responses or StepByStep(steps, subsystem, w)
-        self._constant: tuple[Array, Array, Array] | None = None
-        """H and C of a constant subsystem, and its gradient for each error of the states and inputs."""
+        self._constant: tuple[Array, Array, Array, Array] | None = None
+        """H and C of a constant subsystem, its gradient for each error of the states and inputs, and its states for
+        each input."""
         self._inverse: Array | None = None
         """Of the H of a constant subsystem."""
         self._changes: Array | None = None
@@ -211,18 +213,20 @@ class Condenser:
         if own.slow:
             self._changes = np.eye(steps * len(v_max)) - np.eye(steps * len(v_max), k=-len(v_max))
 
-    def _all(self, x_nominal: Array, AB: Array | None, root: Array) -> tuple[Array, Array, Array]:
+    def _all(self, x_nominal: Array, AB: Array | None, root: Array) -> tuple[Array, Array, Array, Array]:
         H, C = self._responses.condense(x_nominal, AB, root)
-        shape = self._shape[0], len(self._columns)
-        units = np.eye(shape[0] * shape[1]).reshape(-1, *shape)
-        return H, C, np.stack([self._responses.gradient(unit, root) for unit in units])
+        gradients = [self._responses.gradient(off, root) for off in _units(self._shape[0], len(self._columns))]
+        states = [self._responses.states(du).ravel() for du in _units(*self._shape)]
+        return H, C, np.stack(gradients), np.stack(states)
 
     def response(self, du: Array) -> Array:
         """Return the change (N + 1, n) of the predicted states under changes du (N, m) of the inputs.
 
         It is that of the LTV model condensed last.
         """
-        return self._responses.states(du)
+        if self._constant is None:
+            return self._responses.states(du)
+        return (du.ravel() @ self._constant[3]).reshape(len(du) + 1, -1)
 
     def __call__(
         self, AB: Array | None, x_nominal: Array, u_nominal: Array, off: Array, sqrt_Qf: Array | None = None
@@ -247,7 +251,7 @@ class Condenser:
         if self._constant is None:
             self._constant = self._all(x_nominal, AB, root)
             self._inverse = cast(Array, np.linalg.inv(self._constant[0]))
-        H, C, gradients = self._constant
+        H, C, gradients, _ = self._constant
         return Cost(H, own.ravel() @ gradients, C)
 
     def minimiser(self, cost: Cost) -> Array:
@@ -275,6 +279,12 @@ class Condenser:
         v_low = np.append(v_low, (-self._travel - changes).ravel())
         v_high = np.append(v_high, (self._travel - changes).ravel())
         return CondensedQp(cost.H, cost.g, np.vstack([cost.C, self._changes]), v_low, v_high, *of_inputs)
+
+
+def _units(*shape: int) -> Array:
+    """Return all arrays of a shape in which one number is 1 and the others are 0."""
+    count = prod(shape)
+    return np.eye(count).reshape(count, *shape)
 
 
 @np.errstate(all="ignore")

@@ -188,9 +188,11 @@ def off_reference(ltv: Ltv, x_ref: Array, u_ref: Array) -> Array:
         u_ref: (N, 4) reference inputs.
     """
     x, k = ltv.x_nominal, x_ref.shape[1]
-    off = np.concatenate((x[1:], ltv.u_nominal), axis=1)
-    off[:, :k] -= x_ref[1:]
-    off[:, x.shape[1] :] -= u_ref
+    steps, n = len(u_ref), x.shape[1]
+    off = np.empty((steps, n + u_ref.shape[1]))
+    np.subtract(x[1:, :k], x_ref[1:], off[:, :k])
+    off[:, k:n] = x[1:, k:]
+    np.subtract(ltv.u_nominal, u_ref, off[:, n:])
     turns = round((float(x[0, 3]) - float(x_ref[0, 3])) / (2.0 * pi))
     if turns:
         off[:, 3] -= 2.0 * pi * turns
