@@ -20,7 +20,7 @@ from heli_twin.experiment.fields import fields_of
 
 Tree = dict[str, Any]
 
-PHYSICS_VERSION = 7
+PHYSICS_VERSION = 8
 """Part of every run's id. Raise it by hand when the same experiment flies differently than before: then a study flies
 its old runs again."""
 UNRECORDED_VERSION = 3
