@@ -21,6 +21,8 @@ STEP_S = 1e-3
 WINDOW_STEPS, BIN_STEPS = 2000, 20
 BINS = WINDOW_STEPS // BIN_STEPS
 CHANNELS = ("x", "y", "z", "yaw", "pitch", "roll")
+LEAST_DOUBT = 0.03
+"""Least variance of which command a frame carries, 0 or 1, that counts as a doubt: the times are within the jitter."""
 LEAST_SHARE = 0.6
 """Share of the bins of a window that hold a pose; with fewer it is left out."""
 
@@ -73,6 +75,15 @@ class Flight(NamedTuple):
         return self.windows.weights[:, :-1].size * STEP_S
 
 
+class Doubt(NamedTuple):
+    """Some of the frames of which the jitter of the compute time leaves open which command they carry."""
+
+    number: int
+    """Of the first one."""
+    every: int
+    """From one to the next, counted in such frames."""
+
+
 class Held:
     """Inputs that are each held until the next, and their integrals."""
 
@@ -113,7 +124,7 @@ class Sent:
         self.frame, self._jitter = lab.frame_period, lab.jitter
         self.held = Held(self.t, u)
 
-    def acting(self, delay: float, t: Array, phase: float | None = None) -> Array:
+    def acting(self, delay: float, t: Array, phase: float | None = None, doubt: Doubt | None = None) -> Array:
         """Return the mean input (n, 4) over each step that begins at one of `t` (n,), s, on a grid of `STEP_S`.
 
         A command waits for the next frame of the radio. Where the frames are unknown, it is moved by half the time
@@ -123,33 +134,52 @@ class Sent:
             delay: Of the whole way, with the mean wait, s.
             t: Ascending, `STEP_S` apart.
             phase: When the input of one of the frames acts, s; None if it is unknown.
+            doubt: Frames that carry more of the other command, as in `frames`.
         """
         edges = np.append(t, t[-1] + STEP_S)
         least = delay - 0.5 * self.frame
         if not self.frame:
             return np.diff(self.held.integral(edges - least), axis=0) / STEP_S
         if phase is not None:
-            return np.diff(self.frames(least, edges, phase).integral(edges), axis=0) / STEP_S
+            return np.diff(self.frames(least, edges, phase, doubt).integral(edges), axis=0) / STEP_S
         late = self.held.double_integral(edges - least - self.frame)
         return np.diff(self.held.double_integral(edges - least) - late, axis=0) / (STEP_S * self.frame)
 
-    def frames(self, least: float, t: Array, phase: float) -> Held:
+    def frames(self, least: float, t: Array, phase: float, doubt: Doubt | None = None) -> Held:
         """Return the inputs that the frames bring; a command within the jitter of a frame counts by its probability.
 
         Args:
             least: Delay of a command that does not wait, s.
             t: (n,) times between which they are wanted, s.
             phase: When the input of one of the frames acts, s.
+            doubt: Frames in doubt whose probability is moved by one standard deviation of what they carry.
         """
+        acts, share, newest = self._shares(least, t, phase)
+        if doubt:
+            some = _in_doubt(share)[doubt.number :: doubt.every]
+            share[some] += np.where(share[some] < 0.5, 1.0, -1.0) * np.sqrt(share[some] * (1.0 - share[some]))
+        before = np.maximum(newest - 1, 0)
+        return Held(acts, share[:, None] * self.u[newest] + (1.0 - share[:, None]) * self.u[before])
+
+    def doubtful(self, least: float, t: Array, phase: float) -> Array:
+        """Return when the frames act of which the command is in doubt, s; arguments as in `frames`."""
+        acts, share, _ = self._shares(least, t, phase)
+        return acts[_in_doubt(share)]
+
+    def _shares(self, least: float, t: Array, phase: float) -> tuple[Array, Array, NDArray[np.int64]]:
+        """When frames act, the probability that each carries its newest command, and the number of that."""
         first, last = (np.floor((edge - phase) / self.frame) for edge in (t[0] - 1.0, t[-1]))
         acts = phase + self.frame * np.arange(first, last + 2)
         # The deviation of a uniform jitter, as a normal one: the fit needs a slope without corners.
         deviation = max(self._jitter / np.sqrt(3.0), 1e-6)
         reach = acts - least + 3.0 * deviation
         newest = np.clip(np.searchsorted(self.t, reach, side="right") - 1, 0, len(self.u) - 1)
-        before = np.maximum(newest - 1, 0)
-        share = ndtr((acts - least - self.t[newest]) / deviation)[:, None]
-        return Held(acts, share * self.u[newest] + (1.0 - share) * self.u[before])
+        return acts, np.asarray(ndtr((acts - least - self.t[newest]) / deviation)), newest
+
+
+def _in_doubt(share: Array) -> NDArray[np.int64]:
+    """Places of the frames whose probability of one command is neither 0 nor 1."""
+    return np.flatnonzero(share * (1.0 - share) > LEAST_DOUBT)
 
 
 def flight_of(log: Log, name: str, lab: Lab, seed: int | None, cut: Cut = FITTED) -> Flight | None:

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from controllers.model import GRAVITY
 from controllers.signals import Array
-from heli_twin.calibration.data import STEP_S, Flight, Held
+from heli_twin.calibration.data import STEP_S, Doubt, Flight, Held
 from heli_twin.calibration.parameters import BATTERY_VOLTAGE_V, INDEX, values
 from heli_twin.lab.plant.effects import PERIOD_NS
 from heli_twin.lab.plant.effects.battery import CHARGES, OPEN_VOLTAGES_V, BatterySpec
@@ -33,8 +33,21 @@ class Drive(NamedTuple):
     yaw: Array
 
 
+class Frames(NamedTuple):
+    """The frames of a radio."""
+
+    phase: float | None
+    """When the input of one of them acts, s; None if it is unknown."""
+    doubt: Doubt | None
+    """Those that carry more of another command."""
+
+
 def drives_of(
-    flight: Flight, variants: Sequence[Array], phases: Sequence[float | None], servo: Sequence[float] | None = None
+    flight: Flight,
+    variants: Sequence[Array],
+    phases: Sequence[float | None],
+    servo: Sequence[float] | None = None,
+    doubts: Sequence[Doubt | None] | None = None,
 ) -> list[Drive]:
     """Return what a flight's commands make the actuators do.
 
@@ -43,20 +56,22 @@ def drives_of(
         variants: Some vectors (n,) of the fit.
         phases: Of the radio's frames in each; None if they are unknown.
         servo: When a period of the servos begins in each, after `phases` (or, if unknown, after the delay), s.
+        doubts: Frames that carry more of another command in each.
     """
     each, begins = [values(theta) for theta in variants], servo or [0.0] * len(variants)
-    inputs: dict[tuple[float, float | None], Array] = {}
+    frames = [Frames(*which) for which in zip(phases, doubts or [None] * len(variants), strict=True)]
+    inputs: dict[tuple[float, Frames], Array] = {}
     t: Array = flight.origin + STEP_S * np.arange(flight.steps, dtype=np.float64)
-    for p, phase in zip(each, phases, strict=True):
-        way = float(p[INDEX["delay"]]) + GRID_S, phase
+    for p, which in zip(each, frames, strict=True):
+        way = float(p[INDEX["delay"]]) + GRID_S, which
         if way not in inputs:
-            inputs[way] = flight.sent.acting(way[0], t, phase)
-    cyclic = _Servos(flight, each) if max(map(sum, map(_play_of, each))) > 0.0 else None
+            inputs[way] = flight.sent.acting(way[0], t, *which)
+    cyclic = _Servos(flight) if max(map(sum, map(_play_of, each))) > 0.0 else None
     return [
         _drive(
-            inputs[float(p[INDEX["delay"]]) + GRID_S, phase], p, cyclic.swashplate(p, phase, begin) if cyclic else None
+            inputs[float(p[INDEX["delay"]]) + GRID_S, which], p, cyclic.swashplate(p, which, begin) if cyclic else None
         )
-        for p, phase, begin in zip(each, phases, begins, strict=True)
+        for p, which, begin in zip(each, frames, begins, strict=True)
     ]
 
 
@@ -87,34 +102,36 @@ class _Servos:
     smoothed over it.
     """
 
-    def __init__(self, flight: Flight, variants: Sequence[Array]) -> None:
+    def __init__(self, flight: Flight) -> None:
         self._sent = flight.sent
         self._edges: Array = flight.origin + STEP_S * np.arange(flight.steps + 1, dtype=np.float64)
-        self._plays = list(dict.fromkeys(map(_play_of, variants)))
-        self._paths: dict[tuple[float, float | None], tuple[float, list[Held]]] = {}
+        self._events: dict[object, tuple[float, _Events]] = {}
+        self._paths: dict[object, Held] = {}
 
-    def swashplate(self, p: Array, phase: float | None, begin: float) -> Array:
+    def swashplate(self, p: Array, frames: Frames, begin: float) -> Array:
         """Return its mean path (steps, 2) before the lag."""
-        wait = self._sent.frame
+        wait, play = self._sent.frame, _play_of(p)
         least = float(p[INDEX["delay"]]) + GRID_S - 0.5 * wait
         # Frames that carry the same commands move the swashplate alike, sooner or later.
-        key = begin, None if phase is None else round(phase - least, 9)
-        if key not in self._paths:
-            self._paths[key] = least, self._paths_of(least, phase, begin)
-        began, paths = self._paths[key]
-        path, edges = paths[self._plays.index(_play_of(p))], self._edges - (least - began)
-        if phase is not None or not wait:
+        key = begin, None if frames.phase is None else round(frames.phase - least, 9), frames.doubt
+        if key not in self._events:
+            self._events[key] = least, self._events_of(least, frames, begin)
+        began, events = self._events[key]
+        if (key, play) not in self._paths:
+            self._paths[key, play] = Held(events.times, _swashplate(events.u, events.is_period, *play))
+        path, edges = self._paths[key, play], self._edges - (least - began)
+        if frames.phase is not None or not wait:
             return np.diff(path.integral(edges), axis=0) / STEP_S
         twice = path.double_integral(edges) - path.double_integral(edges - wait)
         return np.diff(twice, axis=0) / (STEP_S * wait)
 
-    def _paths_of(self, least: float, phase: float | None, begin: float) -> list[Held]:
-        """The paths of all plays."""
-        if phase is None:
+    def _events_of(self, least: float, frames: Frames, begin: float) -> "_Events":
+        """What the servos meet, in the order of time."""
+        if frames.phase is None:
             t, u, anchor = self._sent.t + least, self._sent.u, least
         else:
-            held = self._sent.frames(least, self._edges, phase)
-            t, u, anchor = held.t[:-1], held.u, phase
+            held = self._sent.frames(least, self._edges, frames.phase, frames.doubt)
+            t, u, anchor = held.t[:-1], held.u, frames.phase
         first, last = (np.ceil((edge - begin - anchor) / SERVO_PERIOD_S) for edge in (t[0], t[-1]))
         periods = anchor + begin + SERVO_PERIOD_S * np.arange(first, last)
         times = np.concatenate([t, periods])
@@ -122,23 +139,24 @@ class _Servos:
         is_period = np.arange(len(times)) >= len(t)
         order = np.lexsort((is_period, np.round(times, 6)))
         times, is_period = times[order], is_period[order]
-        paths = _swashplates(u[np.cumsum(~is_period) - 1, :2], is_period, np.array(self._plays))
-        return [Held(times, np.ascontiguousarray(paths[:, i])) for i in range(len(self._plays))]
+        return _Events(times, u[np.cumsum(~is_period) - 1, :2], is_period)
 
 
-def _swashplates(u: Array, is_period: NDArray[np.bool_], plays: Array) -> Array:
-    """Servo and linkage at events: a new command, or the begin of a period.
+class _Events(NamedTuple):
+    """New commands, and begins of the servos' periods."""
 
-    Args:
-        u: (n, 2) command from each event on.
-        is_period: (n,) whether a period begins.
-        plays: (v, 2) backlash and slowness.
+    times: Array
+    """(n,) s."""
+    u: Array
+    """(n, 2) command from each on."""
+    is_period: NDArray[np.bool_]
+    """(n,) whether a period begins."""
 
-    Returns:
-        (n, v, 2) path.
-    """
-    commands, periods = u.T.tolist(), is_period.tolist()
-    return np.array([[_path(axis, periods, *play) for axis in commands] for play in plays.tolist()]).transpose(2, 0, 1)
+
+def _swashplate(u: Array, is_period: NDArray[np.bool_], backlash: float, slowness: float) -> Array:
+    """Return the path (n, 2) of both servos and their linkages at events."""
+    periods = is_period.tolist()
+    return np.array([_path(axis, periods, backlash, slowness) for axis in u.T.tolist()]).T
 
 
 def _path(commands: list[float], is_period: list[bool], backlash: float, slowness: float) -> list[float]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
-from heli_twin.calibration.problem import N_LOG, N_START, N_THETA, Problem, columns
+from heli_twin.calibration.problem import N_LOG, N_THETA, Problem, columns
 
 
 class Normal(NamedTuple):
@@ -20,7 +20,7 @@ class Normal(NamedTuple):
     scores: Array
     """(w, m) J' P r of each window."""
     to_start: Callable[[Array], Array]
-    """From a step (m,) to the steps (w, 12) of the first states."""
+    """From a step (m,) to the steps (w, .) of what belongs to a window: first state, frames in doubt."""
 
 
 def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Normal:
@@ -30,12 +30,12 @@ def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Nor
         problem: The flights.
         air: The responses to wind and torque.
         eta: (9,) logarithms of `noise.COMPONENTS`.
-        rows: (w, BINS, 6, .) derivatives by theta and a log's nuisance, the residual, derivatives by the first state.
+        rows: (w, BINS, 6, .) derivatives by theta and a log's nuisance, the residual, derivatives by what belongs to a window.
     """
     w, n = len(problem.log_of), N_THETA + N_LOG
     white = noise.whiten(air, eta, rows)[0].reshape(w, -1, rows.shape[-1])
     gram = white.transpose(0, 2, 1) @ white
-    gram[:, n + 1 :, n + 1 :] += 1e-9 * np.eye(N_START)
+    gram[:, n + 1 :, n + 1 :] += noise.start_precision(rows.shape[-1] - n - 1)
     inverse = np.linalg.inv(gram[:, n + 1 :, n + 1 :])
     back = inverse @ gram[:, n + 1 :, : n + 1]
     local = gram[:, : n + 1, : n + 1] - gram[:, : n + 1, n + 1 :] @ back

@@ -26,6 +26,7 @@ from heli_twin.calibration.problem import (
     LEAST,
     LOG_SPREAD,
     N_LOG,
+    N_START,
     N_THETA,
     Problem,
     State,
@@ -79,7 +80,7 @@ class Fit:
     jacobian: Array = field(repr=False)
     """(w, BINS, 6, N_THETA + N_LOG) derivative of the prediction by theta and the log's nuisance."""
     first: Array = field(repr=False)
-    """(w, BINS, 6, 12) derivative by the first state."""
+    """(w, BINS, 6, .) derivative by the first state and then the frames in doubt."""
     air: noise.Windage = field(repr=False)
 
     @property
@@ -225,7 +226,7 @@ def _moved(problem: Problem, state: State, now: _Step, share: float) -> State:
     return State(
         np.maximum(state.theta + step[:N_THETA], LEAST),
         nuisance,
-        state.start + now.equations.to_start(step),
+        state.start + now.equations.to_start(step)[:, :N_START],
         now.eta,
         state.framed,
         state.servo,
@@ -235,7 +236,8 @@ def _moved(problem: Problem, state: State, now: _Step, share: float) -> State:
 def _finished(problem: Problem, state: State, now: _Step, air: noise.Windage, iterations: int) -> Fit:
     sandwich = _sandwich(problem, now.equations, now.covariance)
     deviation = np.sqrt(np.maximum(np.diag(now.covariance), np.diag(sandwich)))[N_THETA:].reshape(-1, N_LOG)
-    moved = np.einsum("wbic,wc->wbi", now.first, now.equations.to_start(np.zeros(len(now.step))))
+    start = now.equations.to_start(np.zeros(len(now.step)))[:, :N_START]
+    moved = np.einsum("wbic,wc->wbi", now.first[..., :N_START], start)
     n = slice(0, N_THETA)
     return Fit(
         problem=problem,

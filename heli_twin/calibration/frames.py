@@ -13,7 +13,6 @@ from heli_twin.calibration.problem import (
     BEGIN_SHARE_S,
     LOG_SPREAD,
     N_LOG,
-    N_START,
     N_THETA,
     PHASE,
     Later,
@@ -107,7 +106,7 @@ def _misfit(problem: Problem, fitted: Fit, eta: Array, residuals: Array) -> Arra
     white = noise.whiten(fitted.air, eta, rows)[0].reshape(len(rows), -1, rows.shape[-1])
     gram = white.transpose(0, 2, 1) @ white
     k = c + n
-    back = np.linalg.solve(gram[:, k:, k:] + 1e-9 * np.eye(N_START), gram[:, k:, :k])
+    back = np.linalg.solve(gram[:, k:, k:] + noise.start_precision(fitted.first.shape[-1]), gram[:, k:, :k])
     local = gram[:, :k, :k] - gram[:, :k, k:] @ back
     spread = np.concatenate([problem.spread, LOG_SPREAD])
     out = np.zeros((len(problem.flights), c))

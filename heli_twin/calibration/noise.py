@@ -48,8 +48,18 @@ did about it before the window shows in the first commands, which are no chance 
 any other moment: what an unknown one leaves depends on the gust's time itself, which then comes out a sixth short."""
 POSE, RATE, WIND, SLOW = slice(0, 6), slice(6, 12), slice(12, 14), slice(14, 17)
 N, N_FIRST = 17, 12
+"""States of the filter, and of a window's start."""
 SLOPE_STEP, LONGEST_STEP = 1e-3, 0.7
 """Of the logarithm of a component: for a slope, and from one step to the next."""
+
+
+def start_precision(columns: int) -> Array:
+    """Return the prior's precision of what belongs to a window, a diagonal matrix.
+
+    Args:
+        columns: Of its first state, as good as unknown, and of the frames in doubt, in standard deviations.
+    """
+    return np.diag([1e-9] * N_FIRST + [1.0] * (columns - N_FIRST))
 
 
 class Windage(NamedTuple):
@@ -196,14 +206,15 @@ def next_variances(
         air: The responses.
         eta: (9,) logarithms of `COMPONENTS`.
         residual: (w, bins, 6) poses minus prediction, 0 where there is no pose.
-        first: (w, bins, 6, 12) derivative of the prediction by each window's first state.
+        first: (w, bins, 6, .) derivative of the prediction by what belongs to each window.
         explained: By parameters that were fitted; None if they are known.
     """
     parts = [first, explained.jacobian] if explained else [first]
     rows = np.concatenate([*parts, residual[..., None]], axis=-1)
 
     def at(eta: Array) -> _Restricted:
-        return _Restricted(*whiten(air, eta, rows, float(np.exp(eta[0]))), explained)
+        white, roots = whiten(air, eta, rows, float(np.exp(eta[0])))
+        return _Restricted(white, roots, first.shape[-1], explained)
 
     here = at(eta)
     started = here.started
@@ -226,18 +237,18 @@ def next_variances(
 class _Restricted:
     """The restricted likelihood of whitened rows (w, bins, 6, c).
 
-    They are derivatives by the first state, then by the parameters, and the residual.
+    They are derivatives by what belongs to a window, `own` columns, then by the parameters, and the residual.
     """
 
-    def __init__(self, rows: Array, roots: Array, explained: Explained | None) -> None:
-        self.rows, self.roots = rows, roots
+    def __init__(self, rows: Array, roots: Array, own: int, explained: Explained | None) -> None:
+        self.rows, self.roots, self._own = rows, roots, own
         flat = rows.reshape(len(rows), -1, rows.shape[-1])
         gram = flat.transpose(0, 2, 1) @ flat
-        of_first = gram[:, :N_FIRST, :N_FIRST] + 1e-9 * np.eye(N_FIRST)
-        back = np.linalg.solve(of_first, gram[:, :N_FIRST, N_FIRST:])
-        local = gram[:, N_FIRST:, N_FIRST:] - gram[:, N_FIRST:, :N_FIRST] @ back
+        of_first = gram[:, :own, :own] + start_precision(own)
+        back = np.linalg.solve(of_first, gram[:, :own, own:])
+        local = gram[:, own:, own:] - gram[:, own:, :own] @ back
         self.start = np.asarray(back[..., -1], np.float64)
-        """(w, 12) first states."""
+        """(w, own) first states and frames."""
         log_det = 2.0 * np.log(np.diagonal(roots, axis1=2, axis2=3)).sum() + np.linalg.slogdet(of_first)[1].sum()
         square = local[:, -1, -1].sum()
         if explained:
@@ -246,8 +257,8 @@ class _Restricted:
         self.likelihood = -0.5 * float(log_det + square)
 
     def less(self, start: Array) -> Array:
-        """Return the residual (w, bins, 6) less what first states (w, 12) explain."""
-        return self.rows[..., -1] - np.einsum("wbic,wc->wbi", self.rows[..., :N_FIRST], start)
+        """Return the residual (w, bins, 6) less what first states and frames (w, own) explain."""
+        return self.rows[..., -1] - np.einsum("wbic,wc->wbi", self.rows[..., : self._own], start)
 
     @property
     def started(self) -> Array:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
-from heli_twin.calibration.data import Flight
-from heli_twin.calibration.drive import drives_of
+from heli_twin.calibration.data import STEP_S, Doubt, Flight
+from heli_twin.calibration.drive import GRID_S, drives_of
 from heli_twin.calibration.markers import by_lever, by_tilt, lever_turned
 from heli_twin.calibration.motion import STRIDE, Lanes, simulate, transitions
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
@@ -98,10 +98,14 @@ class Later(NamedTuple):
     """Of the radio, which then carry other commands; the servos with them."""
     servo: float = 0.0
     """Periods of the servos."""
+    doubt: Doubt | None = None
+    """Frames that carry more of another command."""
 
 
 SOON = Later(frames=2e-5), Later(servo=1e-4)
 """Steps of the differences for `frame_phase` and `servo_phase`."""
+LASTING_S = 0.06
+"""Time for which a command before a window still matters in it: of its first state, the actuators are no part."""
 
 
 class Problem:
@@ -144,14 +148,20 @@ class Problem:
         return self.measured(self.simulated(state, state.theta[None], [Later()])[0], state)
 
     def linearise(self, state: State) -> tuple[Array, Array, Array]:
-        """Predicted poses (w, bins, 6), and their derivatives by theta and a log's nuisance, and by the first state."""
+        """Predicted poses (w, bins, 6), and their derivatives by theta and a log's nuisance, and by a window's own.
+
+        A window's own are its first state (12) and, in standard deviations, what its frames in doubt carry.
+        """
+        doubts = self.doubts(state)
         steps = np.array([STEPS.get(name, 1e-4) for name in NAMES])
         free = np.flatnonzero(self.spread > FIXED)
         n, m = 1 + len(free), 1 + len(free) + N_START - 3
-        variants = state.theta + np.vstack([np.zeros(N_THETA), np.diag(steps)[free], np.zeros((len(SOON), N_THETA))])
-        out = self.simulated(state, variants, [Later()] * n + list(SOON), START_STEP)
-        by_timing = np.stack([(out[n + i] - out[0]) / max(later) for i, later in enumerate(SOON)])
-        out = np.delete(out, range(n, n + len(SOON)), axis=0)
+        later = [*SOON, *doubts]
+        variants = state.theta + np.vstack([np.zeros(N_THETA), np.diag(steps)[free], np.zeros((len(later), N_THETA))])
+        out = self.simulated(state, variants, [Later()] * n + later, START_STEP)
+        by_timing = np.stack([(out[n + i] - out[0]) / max(soon.frames, soon.servo) for i, soon in enumerate(SOON)])
+        by_doubt = out[n + len(SOON) : n + len(later)] - out[0]
+        out = np.delete(out, range(n, n + len(later)), axis=0)
         by_theta = np.zeros((N_THETA, *out.shape[1:]))
         by_theta[free] = (out[1:n] - out[0]) / steps[free, None, None, None]
         by_start = (out[n:m] - out[0]) / START_STEP[3:, None, None, None]
@@ -159,7 +169,7 @@ class Problem:
         by_place = np.zeros((3, *out.shape[1:]))
         by_place[range(3), :, :, range(3)] = 1.0
         jacobian = np.moveaxis(np.concatenate([by_theta, by_push, by_timing]), 0, -1)
-        first = np.moveaxis(np.concatenate([by_place, by_start]), 0, -1)
+        first = np.moveaxis(np.concatenate([by_place, by_start, by_doubt]), 0, -1)
         h, lever = out[0], state.nuisance[self.log_of][:, LEVER]
         turned = lever_turned(h, lever)
         for columns in (jacobian, first):
@@ -177,6 +187,22 @@ class Problem:
         seen = self.present[:, :, None, None]
         jacobian = np.concatenate([jacobian[..., :N_THETA], of_log], axis=-1) * seen
         return self.measured(h, state), jacobian, first * seen
+
+    def doubts(self, state: State) -> list[Later]:
+        """Return the frames in doubt, so divided that no window has two of a part."""
+        most = 0
+        for i, flight in enumerate(self.flights):
+            framed = state.framed[i]
+            if framed is not None:
+                delay = float(state.theta[INDEX["delay"]] + state.nuisance[i, LATE])
+                edges = flight.origin + STEP_S * np.arange(flight.steps + 1, dtype=np.float64)
+                phase = framed + state.nuisance[i, PHASE] + delay
+                acts = flight.sent.doubtful(delay + GRID_S - 0.5 * self.lab.frame_period, edges, phase)
+                begin = flight.origin + STEP_S * flight.windows.first
+                ends = begin - LASTING_S, begin + STEP_S * (self.weights.shape[1] - 1)
+                first, last = (np.searchsorted(acts, end) for end in ends)
+                most = max(most, int((last - first).max()))
+        return [Later(doubt=Doubt(number, most)) for number in range(most)]
 
     def windage(self, state: State) -> noise.Windage:
         """Return what chance does along the windows of a state."""
@@ -211,7 +237,7 @@ class Problem:
             # Most parameters move the helicopter under the same drive.
             free = np.flatnonzero(self.spread > FIXED).tolist()
             driven = [0, *(1 + free.index(INDEX[name]) for name in DRIVEN if INDEX[name] in free)]
-            driven += [i for i, more in enumerate(later) if any(more)]
+            driven += [i for i, more in enumerate(later) if more != Later()]
             which = np.zeros(p, np.int64)
             which[driven] = np.arange(len(driven))
         drive = self._drives(state, *zip(*[(variants[i], later[i]) for i in _firsts(which)], strict=True))
@@ -246,7 +272,8 @@ class Problem:
                 None if at is None else at + float(theta[INDEX["delay"]]) for at, theta in zip(sent, late, strict=True)
             ]
             servo = [state.servo[i] + state.nuisance[i, BEGIN] + more.servo for more in later]
-            for j, drive in enumerate(drives_of(flight, late, phases, servo)):
+            doubts = [more.doubt for more in later]
+            for j, drive in enumerate(drives_of(flight, late, phases, servo, doubts)):
                 for k, channel in enumerate(drive):
                     out[:, j, k, at : at + count] = channel[rows]
             at += count

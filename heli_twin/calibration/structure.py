@@ -16,6 +16,7 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.data import BIN_STEPS, BINS, CHANNELS, STEP_S
 from heli_twin.calibration.fit import Fit
+from heli_twin.calibration.problem import N_START
 
 SKIPPED_BINS = 15
 """Bins after the start of a window, in which its fitted first state hides the residual."""
@@ -49,8 +50,13 @@ class Structure(NamedTuple):
 
 def whitened(fit: Fit) -> Array:
     """Return the residuals (w, BINS, 6), each made independent of those before it; NaN where there is no pose."""
-    white, _ = noise.whiten(fit.air, fit.state.eta, fit.residual[..., None])
-    return np.where(fit.problem.present[..., None], white[..., 0], np.nan)
+    rows = np.concatenate([fit.first[..., N_START:], fit.residual[..., None]], axis=-1)
+    white = noise.whiten(fit.air, fit.state.eta, rows)[0].reshape(len(rows), -1, rows.shape[-1])
+    # Frames in doubt add to the covariance; its root, like the filter, keeps the order of time.
+    frames, residual = white[..., :-1], white[..., -1:]
+    root = np.linalg.cholesky(np.eye(white.shape[1]) + frames @ frames.transpose(0, 2, 1))
+    independent = np.linalg.solve(root, residual).reshape(fit.residual.shape)
+    return np.where(fit.problem.present[..., None], independent, np.nan)
 
 
 def structure(fit: Fit) -> Structure:

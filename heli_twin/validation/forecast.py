@@ -20,7 +20,7 @@ from heli_twin.calibration.data import BIN_STEPS, STEP_S, Cut, Flight
 from heli_twin.calibration.fit import Fit, fit
 from heli_twin.calibration.frames import framed, timed
 from heli_twin.calibration.parameters import INDEX
-from heli_twin.calibration.problem import FIXED, N_LOG, Problem, State
+from heli_twin.calibration.problem import FIXED, N_LOG, N_START, Problem, State
 from heli_twin.validation.twins import Twin
 
 BIN_S = BIN_STEPS * STEP_S
@@ -92,7 +92,7 @@ def _forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:
     air = problem.windage(state)
     # The start is nearly linear in the poses: one step to it here, and the rest in the mean.
     step = _expected(air, twin.eta, first, problem.residual(predicted)).step
-    predicted = problem.predict(state._replace(start=state.start + step))
+    predicted = problem.predict(state._replace(start=state.start + step[:, :N_START]))
     expected = _expected(air, twin.eta, first, problem.residual(predicted))
     ahead, seen = slice(HISTORY_BINS, None), problem.present[..., None]
     return Forecast(
@@ -108,7 +108,7 @@ class _Expected(NamedTuple):
     """What the history of each window says."""
 
     step: Array
-    """(w, 12) of the start."""
+    """(w, .) of the start, and of the frames in doubt."""
     future: Array
     """(w, HORIZON_BINS, 6) residual, after that step."""
     variance: Array
@@ -116,12 +116,12 @@ class _Expected(NamedTuple):
 
 
 def _expected(air: noise.Windage, eta: Array, first: Array, residual: Array) -> _Expected:
-    """Return what the history says, from derivatives (w, bins, 6, 12) by the start and residuals (w, bins, 6)."""
+    """Return what the history says, from derivatives (w, bins, 6, .) by a window's own and residuals (w, bins, 6)."""
     n = first.shape[-1]
     seen = noise.foresee(air, eta, np.concatenate([first, residual[..., None]], axis=-1), HISTORY_BINS)
     past = seen.past.reshape(len(first), -1, n + 1)
     gram = past.transpose(0, 2, 1) @ past
-    covariance = np.linalg.inv(gram[:, :n, :n] + 1e-9 * np.eye(n))
+    covariance = np.linalg.inv(gram[:, :n, :n] + noise.start_precision(n))
     step = np.einsum("wij,wj->wi", covariance, gram[:, :n, n])
     by_start = first[:, HISTORY_BINS:] - seen.mean[..., :n]
     future = seen.mean[..., n] + np.einsum("wkci,wi->wkc", by_start, step)
