@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Gt, Le, Unit, doc
+from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.flatness import FlatOutput
 from controllers.signals import Array
@@ -15,22 +15,23 @@ SHORT_PULSE_FACTOR = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Doublets:
-    """Doublets of acceleration, for identification: in the plane, or in height and heading.
+    """Doublets of acceleration, for identification: in the plane, in height and heading, or of all axes at once.
 
     A doublet moves the helicopter from rest to rest, the opposite doublet brings it back, and so on. It is flown in
     closed loop, with feed-forward inputs that are doublets about hover: in open loop the helicopter would leave the
     cameras' view. The edges of the pulses are ramps, so that dynamics outside the paper's model are little excited.
 
     The defaults stay within the believed limits: 0.8 of full stick in the plane, which leaves a reserve for gusts, and
-    1.6 m to each side.
+    1.6 m to each side. A heading that turns while the plane is flown needs gentler ones there: both directions may fall
+    to one stick. An acceleration of 0 holds its axis.
     """
 
     kind: Literal["doublets"] = "doublets"
-    axes: Annotated[Literal["plane", "height_and_yaw"], doc("what moves; the other axes are held")] = "plane"
-    x: Annotated[float, Gt(0), Unit("m/s^2"), doc("acceleration north and south")] = 0.95
-    y: Annotated[float, Gt(0), Unit("m/s^2"), doc("acceleration west and east")] = 1.0
-    z: Annotated[float, Gt(0), Unit("m/s^2"), doc("acceleration upwards and downwards")] = 1.0
-    yaw: Annotated[float, Gt(0), Unit("rad/s^2"), doc("acceleration of the heading")] = 11.0
+    axes: Annotated[Literal["plane", "height_and_yaw", "all"], doc("what moves; the other axes are held")] = "plane"
+    x: Annotated[float, Ge(0), Unit("m/s^2"), doc("acceleration north and south")] = 0.95
+    y: Annotated[float, Ge(0), Unit("m/s^2"), doc("acceleration west and east")] = 1.0
+    z: Annotated[float, Ge(0), Unit("m/s^2"), doc("acceleration upwards and downwards")] = 1.0
+    yaw: Annotated[float, Ge(0), Unit("rad/s^2"), doc("acceleration of the heading")] = 11.0
     plane_pulse: Annotated[float, Gt(0), Unit("s"), doc("length of half a doublet in the plane")] = 2.05
     z_pulse: Annotated[float, Gt(0), Unit("s"), doc("length of half a doublet of the height")] = 1.0
     yaw_pulse: Annotated[float, Gt(0), Unit("s"), doc("length of half a doublet of the heading")] = 0.6
@@ -41,6 +42,12 @@ class Doublets:
         """Return trains of doublets about the middle of the room."""
         position, speed, acceleration, _ = self._trains(t)
         return FlatOutput(position, speed, acceleration)
+
+    @property
+    def peaks(self) -> tuple[float, float, float, float]:
+        """Acceleration of x, y, z (m/s^2) and heading (rad/s^2); 0 for an axis that is held."""
+        plane, others = float(self.axes != "height_and_yaw"), float(self.axes != "plane")
+        return plane * self.x, plane * self.y, others * self.z, others * self.yaw
 
     @property
     def smoothness(self) -> int:
@@ -54,13 +61,9 @@ class Doublets:
 
     def _trains(self, t: Array) -> Array:
         """Position, velocity, acceleration and jerk (4, n, 4) of all axes."""
-        rest = (np.zeros_like(t),) * 4
-        x = y = z = yaw = rest
-        if self.axes == "plane":
-            x, y = _train(t, self.x, self.plane_pulse, self.edge), _train(t, self.y, self.plane_pulse, self.edge)
-        else:
-            z, yaw = _train(t, self.z, self.z_pulse, self.edge), _train(t, self.yaw, self.yaw_pulse, self.edge)
-        trains = np.stack([x, y, z, yaw], axis=-1)
+        rest, pulses = np.zeros((4, len(t))), (self.plane_pulse, self.plane_pulse, self.z_pulse, self.yaw_pulse)
+        moved = zip(self.peaks, pulses, strict=True)
+        trains = np.stack([_train(t, peak, pulse, self.edge) if peak else rest for peak, pulse in moved], axis=-1)
         trains[0] = np.array([0.0, 0.0, self.height, 0.0]) + trains[0]
         return trains
 

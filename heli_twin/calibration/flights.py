@@ -98,6 +98,7 @@ def card(flight: Planned) -> str:
 
 def _what(e: Experiment) -> str:
     if isinstance(e.trajectory, Doublets):
-        axes = "in the plane" if e.trajectory.axes == "plane" else "in height and heading"
-        return f"doublets {axes}, in closed loop, the other axes held"
+        axes = zip(("x", "y", "z", "heading"), e.trajectory.peaks, ("m", "m", "m", "rad"), strict=True)
+        moved = ", ".join(f"{axis} {peak:g} {unit}/s^2" for axis, peak, unit in axes if peak)
+        return f"doublets of {moved}, all at once, in closed loop"
     return f"{e.trajectory.kind}, in closed loop"  # pyright: ignore[reportAttributeAccessIssue]
