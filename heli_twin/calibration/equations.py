@@ -30,7 +30,7 @@ def normal(problem: Problem, air: noise.Windage, eta: Array, rows: Array) -> Nor
         problem: The flights.
         air: The responses to wind and torque.
         eta: (9,) logarithms of `noise.COMPONENTS`.
-        rows: (w, BINS, 6, .) derivatives by theta and a log's nuisance, the residual, derivatives by what belongs to a window.
+        rows: (w, BINS, 6, .) derivatives by theta and a log's nuisance, the residual, derivatives by a window's own.
     """
     w, n = len(problem.log_of), N_THETA + N_LOG
     white = noise.whiten(air, eta, rows)[0].reshape(w, -1, rows.shape[-1])

@@ -6,7 +6,7 @@ from threadpoolctl import threadpool_limits
 from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.drive import SERVO_PERIOD_S
-from heli_twin.calibration.fit import Fit
+from heli_twin.calibration.fit import Fit, fit
 from heli_twin.calibration.parameters import INDEX
 from heli_twin.calibration.problem import (
     BEGIN,
@@ -67,6 +67,20 @@ def _framed(problem: Problem, fitted: Fit, eta: Array) -> State:
     nuisance = fitted.ahead.nuisance.copy()
     nuisance[:, PHASE] = 0.0
     return fitted.ahead._replace(nuisance=nuisance, eta=eta, framed=tuple(framed))
+
+
+def begun(problem: Problem, theta: Array, eta: Array) -> State:
+    """Return the state of a fit in which helicopter and noise are known, and the radio's frames and servos are found.
+
+    Args:
+        problem: The flights.
+        theta: (n,) the helicopter.
+        eta: (9,) logarithms of `noise.COMPONENTS`.
+    """
+    begin = problem.initial()._replace(theta=theta.copy(), eta=eta.copy())
+    blind = fit(problem, begin, limit=1)
+    state = framed(problem, blind, eta)._replace(theta=theta.copy())
+    return timed(problem, blind, state)[0] if theta[INDEX["servo_slowness"]] > 0.0 else state
 
 
 def timed(problem: Problem, fitted: Fit, state: State) -> tuple[State, float]:

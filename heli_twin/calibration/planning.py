@@ -1,18 +1,20 @@
 """What flights would tell before anyone flies: Cramer and Rao's bound, and which next flight would help most."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from controllers.signals import Array
+from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, TOLD, hold
 from heli_twin.calibration.data import Flight
 from heli_twin.calibration.equations import normal
+from heli_twin.calibration.expected import expected_noise
+from heli_twin.calibration.frames import begun
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, SPREAD, lab_of, of_experiment, vector
-from heli_twin.calibration.problem import LOG_SPREAD, N_LOG, N_THETA, Problem, State
+from heli_twin.calibration.problem import LOG_SPREAD, N_LOG, N_THETA, Problem
 from heli_twin.experiment import Experiment
 
 
@@ -32,31 +34,35 @@ def information(flight: Flight, base: Experiment) -> Array:
 
     Args:
         flight: Flown by the helicopter of `base`, or by any.
-        base: The helicopter at which the bound is taken; effects that it does not have are taken as known.
+        base: The helicopter at which the bound is taken, with its gusts and cameras; effects that it does not have are
+            taken as known.
     """
-    believed = of_experiment(base)
-    theta, spread = vector(np.array([believed[name] for name in NAMES])), SPREAD.copy()
-    problem = Problem([flight], lab_of(base), theta, spread)
-    start = problem.initial()
-    state = State(theta, start.nuisance, start.start, start.eta, start.framed, start.servo)
+    believed, expected = of_experiment(base), expected_noise(base)
+    theta = vector(np.array([believed[name] for name in NAMES]))
+    problem = Problem([flight], lab_of(base), theta, _spread(base))
+    state = begun(problem, theta, np.log([expected[name] for name in noise.COMPONENTS]))
     with threadpool_limits(limits=1):
         predicted, jacobian, first = problem.linearise(state)
-        air = problem.windage(state)
         rows = np.concatenate([jacobian, problem.residual(predicted)[..., None], first], axis=-1)
-        equations = normal(problem, air, state.eta, rows)
+        equations = normal(problem, problem.windage(state), state.eta, rows)
     own = equations.matrix[N_THETA:, N_THETA:] + np.diag(LOG_SPREAD**-2.0)
     cross = equations.matrix[:N_THETA, N_THETA:]
     assert own.shape == (N_LOG, N_LOG)
     return equations.matrix[:N_THETA, :N_THETA] - cross @ np.linalg.solve(own, cross.T)
 
 
-def bounds(informations: Sequence[Array], base: Experiment) -> list[Bound]:
-    """Return what flights together would tell of each parameter, with the prior."""
-    spread = SPREAD.copy()
-    present = of_experiment(base)
+def _spread(base: Experiment) -> Array:
+    """The prior's (n,), without the effects that a helicopter does not have."""
+    spread, present = SPREAD.copy(), of_experiment(base)
     for effect, names in EFFECTS.items():
         if not any(present[name] for name in names):
             hold(spread, effect)
+    return spread
+
+
+def bounds(informations: Sequence[Array], base: Experiment) -> list[Bound]:
+    """Return what flights together would tell of each parameter, with the prior."""
+    spread = _spread(base)
     covariance = np.linalg.inv(sum(informations, np.zeros((N_THETA, N_THETA))) + np.diag(spread**-2.0))
     deviation = np.sqrt(np.diag(covariance))
     return [
@@ -84,8 +90,3 @@ def as_json(flights: dict[str, list[Bound]], gains: dict[str, float]) -> dict[st
         },
         "next": gains,
     }
-
-
-def quiet(experiment: Experiment, duration: float) -> Experiment:
-    """Return a planned flight that is as long as the windows that a bound needs."""
-    return replace(experiment, duration=min(experiment.duration, duration))

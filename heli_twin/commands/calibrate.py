@@ -202,13 +202,15 @@ def _show_plan(alone: dict[str, Any], gains: dict[str, float], *, has_logs: bool
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title="standard deviation that a flight would leave (Cramer-Rao)", title_justify="left")
-    table.add_column("")
-    for name in alone:
-        table.add_column(name.removeprefix("calibrate_"), justify="right")
+    # All columns fit in 80 characters.
+    title = "standard deviation that a flight would leave (Cramer-Rao)"
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for column in ("", "unit", *(name.removeprefix("calibrate_") for name in alone)):
+        table.add_column(column, justify="left" if column in ("", "unit") else "right", no_wrap=True)
     for row in zip(*alone.values(), strict=True):
-        cells = [f"{100 * b.deviation:.2g} %" if b.is_relative else f"{b.deviation:.2g} {b.unit}" for b in row]
-        table.add_row(row[0].name, *(c if b.told else f"({c})" for c, b in zip(cells, row, strict=True)))
+        cells = [f"{100.0 * b.deviation if b.is_relative else b.deviation:.2g}" for b in row]
+        unit = "%" if row[0].is_relative else row[0].unit
+        table.add_row(row[0].name, unit, *(c if b.told else f"({c})" for c, b in zip(cells, row, strict=True)))
     Console().print(table)
     say("in brackets: not told, the prior speaks")
     best = max(gains, key=lambda name: gains[name])

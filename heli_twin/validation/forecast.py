@@ -18,9 +18,8 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.data import BIN_STEPS, STEP_S, Cut, Flight
 from heli_twin.calibration.fit import Fit, fit
-from heli_twin.calibration.frames import framed, timed
-from heli_twin.calibration.parameters import INDEX
-from heli_twin.calibration.problem import FIXED, N_LOG, N_START, Problem, State
+from heli_twin.calibration.frames import begun
+from heli_twin.calibration.problem import FIXED, N_START, Problem, State
 from heli_twin.validation.twins import Twin
 
 BIN_S = BIN_STEPS * STEP_S
@@ -65,12 +64,7 @@ def held_fit(flight: Flight, twin: Twin) -> Fit:
         twin: Whose parameters are held.
     """
     problem = Problem([flight], twin.lab, twin.theta, np.full(len(twin.theta), HELD))
-    begin = State(twin.theta.copy(), np.zeros((1, N_LOG)), problem.start.copy(), twin.eta.copy(), (None,), (0.0,))
-    blind = fit(problem, begin, limit=1)
-    begin = framed(problem, blind, twin.eta)
-    if twin.theta[INDEX["servo_slowness"]] > 0.0:
-        begin, _ = timed(problem, blind, begin)
-    return fit(problem, begin, limit=3)
+    return fit(problem, begun(problem, twin.theta, twin.eta), limit=3)
 
 
 def forecast(pieces: Flight, twin: Twin, held: Fit) -> Forecast:

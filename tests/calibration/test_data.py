@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from heli_twin.calibration.calibrate import CalibrationError, flights_of
-from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, WINDOW_STEPS, flight_of
+from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, WINDOW_STEPS, Doubt, flight_of
 from heli_twin.calibration.drive import GRID_S, SERVO_PERIOD_S, drives_of
 from heli_twin.calibration.parameters import INDEX, NAMES, lab_of, of_experiment, vector
 from heli_twin.calibration.problem import Later, Problem
@@ -38,6 +38,60 @@ def test_the_mean_wait_for_a_frame_is_unbiased_and_known_frames_are_nearly_exact
     assert np.abs(unknown.mean(axis=0)).max() < 2e-3
     # What is left with known frames is the jitter of the compute time, and lost frames.
     assert (known.std(axis=0) < 0.5 * unknown.std(axis=0)).all()
+
+
+def test_the_jitter_leaves_open_what_one_frame_in_ten_carries(log):
+    sent, t = flight_of(log, "flight", lab_of(LAB), None).sent, STEP_S * np.arange(1000, 7000)
+    delay = of_experiment(LAB)["delay"] + GRID_S
+    phase = float(np.median(np.mod(1e-9 * log.acting.time[1:], 0.022))) + 0.004
+    acts = sent.doubtful(delay - 0.011, np.append(t, t[-1] + STEP_S), phase)
+    acts = acts[acts > t[0]]
+    assert len(acts) == pytest.approx(6.0 / 0.22, abs=3)
+    expected, true = sent.acting(delay, t, phase), at_the_helicopter(log, t)
+    since = t - acts[np.maximum(np.searchsorted(acts, t) - 1, 0)]
+    # Steps at both ends of a frame are shared with the next ones.
+    inside, outside = (since > 0.001) & (since < 0.020), since > 0.023
+    miss = np.abs(expected - true).max(axis=1)
+    # Beside the doubts, all is known but a lost frame, to some hundredths of a command's step.
+    assert np.mean(miss[outside] > 0.02) < 0.02 < 0.2 < np.mean(miss[inside] > 0.02)
+
+
+def test_a_doubt_moves_its_own_frames_by_one_standard_deviation(log):
+    sent, t = flight_of(log, "flight", lab_of(LAB), None).sent, STEP_S * np.arange(1000, 7000)
+    delay, phase = of_experiment(LAB)["delay"] + GRID_S, 0.0131
+    edges = np.append(t, t[-1] + STEP_S)
+    acts = sent.doubtful(delay - 0.011, edges, phase)
+    expected = sent.acting(delay, t, phase)
+    moved = [np.abs(sent.acting(delay, t, phase, Doubt(i, 3)) - expected).max(axis=1) > 1e-12 for i in range(3)]
+    # No step is in two parts, and every part's steps are within its frames.
+    assert not np.any(sum(part.astype(int) for part in moved) > 1)
+    for i, part in enumerate(moved):
+        own = acts[i::3]
+        since = t[part] + STEP_S - own[np.searchsorted(own, t[part] + STEP_S) - 1]
+        assert part.any()
+        assert since.max() < 0.022 + STEP_S
+    # The deviation of a choice between two commands with probability p, sqrt(p (1 - p)), is at most a half.
+    now, then = sent.frames(delay - 0.011, edges, phase), sent.frames(delay - 0.011, edges, phase, Doubt(0, 1))
+    share = np.abs(then.u - now.u)[:-1].max(axis=1) / np.maximum(np.abs(np.diff(now.u, axis=0)).max(axis=1), 1e-9)
+    assert 0.0 < np.abs(then.u - now.u).max()
+    assert np.median(share[share > 0.0]) < 1.0
+
+
+def test_no_window_has_two_frames_in_doubt_of_a_part(log):
+    flight = flight_of(log, "flight", lab_of(LAB), None)
+    theta = vector(np.array([of_experiment(LAB)[name] for name in NAMES]))
+    problem = Problem([flight], lab_of(LAB), theta)
+    assert problem.doubts(problem.initial()) == []
+    state = problem.initial()._replace(theta=theta, framed=(0.003,))
+    parts = [later.doubt for later in problem.doubts(state)]
+    assert [part.number for part in parts] == list(range(parts[0].every))
+    drives = problem._drives(state, [theta] * (1 + len(parts)), [Later(), *problem.doubts(state)])
+    for j in range(1, 1 + len(parts)):
+        moved = np.abs(drives[:, j] - drives[:, 0]).max(axis=1)
+        # A frame lasts for 22 ms, and what the lags of the actuators leave of it 0.3 s; the next of a part is 2 s away.
+        for window in moved.T:
+            at = np.flatnonzero(window > 0.02 * moved.max())
+            assert len(at) == 0 or at[-1] - at[0] < 400
 
 
 def test_windows_hold_every_pose_once_and_average_the_steps_they_were_taken_at(log):

@@ -149,6 +149,16 @@ def test_the_default_waypoints_go_round_a_square():
     np.testing.assert_allclose(yaw, [0, 0, pi / 2, pi, 0], atol=1e-5)
 
 
+def test_doublets_of_all_axes_are_those_of_each():
+    t, peaks = np.arange(0.0, 20.0, 0.01), {"x": 0.6, "y": 0.5, "yaw": 8.0}
+    every, plane, rest = (Doublets(axes=axes, **peaks).derivatives(t, 3) for axes in ("all", "plane", "height_and_yaw"))
+    assert np.array_equal(every[..., :2], plane[..., :2])
+    assert np.array_equal(every[..., 2:], rest[..., 2:])
+    held = Doublets(axes="all", yaw=0.0).derivatives(t, 3)
+    assert not held[..., 3].any()
+    assert held[2, :, :3].any(axis=0).all()
+
+
 def test_a_doublet_moves_by_its_acceleration_and_the_second_pair_is_shorter():
     flat = Doublets(x=1.0, y=0.5, plane_pulse=2.0, edge=0.25).flat(np.array([0.0, 4.0, 8.0, 10.8, 13.6]))
     # From rest to rest in two pulses T by a (1 - edge) T^2 = 3 m, and with 0.7 T by 0.49 of it; midway is the origin.

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from heli_twin.calibration.expected import expected_noise
 from heli_twin.cli import main
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment.text import load
@@ -15,7 +16,7 @@ from heli_twin.recording.attach import attach
 from heli_twin.validation.agreement import HORIZONS_S, agreements
 from heli_twin.validation.closed_loop import FIRST_SEED, closed_loop, tracking_rms
 from heli_twin.validation.forecast import HORIZON_BINS, Forecast
-from heli_twin.validation.twins import expected_noise, noise_in, twin_of
+from heli_twin.validation.twins import noise_in, twin_of
 from heli_twin.validation.validate import Effort, twins_of, validate
 
 HIDDEN = ["plant.thrust_gain=0.53", "plant.pitch_gain=0.17", "plant.yaw_gain=0.0026", "plant.roll_trim=0.02"]
