@@ -11,9 +11,13 @@ from heli_twin.calibration.checks import CalibrationError, check_form
 from heli_twin.experiment.text import changed
 from heli_twin.workers.fleet import fleet
 
-TWINS = range(3000, 3040)
+TWINS = range(3100, 3140)
 MOST_HALF_WIDTH = {
     "thrust_per_mass": 0.005,
+    "pitch_gain": 0.002,
+    "roll_gain": 0.002,
+    "pitch_trim": 0.00625,
+    "roll_trim": 0.00625,
     "yaw_gain_per_izz": 0.005,
     "yaw_damping_per_izz": 0.00625,
     "delay": 0.00175,
@@ -26,7 +30,11 @@ MOST_HALF_WIDTH = {
     "yaw_lag": 0.425,
     "gust_strength": 0.125,
 }
-"""2.5 times the root mean square error of the prototype; relative, the delay in s."""
+"""2.5 times the root mean square error of the prototype, for the trims with the tilt of the markers unknown; relative,
+the delay in s, trims in full stick."""
+ABSOLUTE = ("delay", "pitch_trim", "roll_trim")
+IN_LAB = ("pitch_gain", "roll_gain")
+"""With a battery, hub drag and servos with play, full sticks all the time would leave 0.4 % (`python tests/widths.py`)."""
 
 
 def found(lab: str, seed: int) -> dict:
@@ -42,7 +50,7 @@ def found(lab: str, seed: int) -> dict:
     distance, count = joint(result, experiment)
     return {
         "inside": {name: k.low <= true[name] <= k.high for name, k in told.items()},
-        "half": {name: 0.5 * (k.high - k.low) / (1.0 if name == "delay" else abs(k.value)) for name, k in told.items()},
+        "half": {name: 0.5 * (k.high - k.low) / (1.0 if name in ABSOLUTE else abs(k.value)) for name, k in told.items()},
         "joint": distance <= chi2.ppf(0.95, count),
         "refused": refused,
     }
@@ -65,9 +73,8 @@ def test_hidden_twins_are_inside_their_intervals(lab):
     assert np.mean(inside) >= 0.90
     assert np.mean([row["joint"] for row in rows]) >= 0.85
     assert len(refused) <= 2, refused
-    if lab == "lab_simple":
-        for name, most in MOST_HALF_WIDTH.items():
-            assert half[name] <= most, name
+    for name, most in MOST_HALF_WIDTH.items():
+        assert half[name] <= most or (lab == "lab" and name in IN_LAB), name
 
 
 def refused_with_a_load(seed: int) -> str:
