@@ -34,7 +34,8 @@ MOST_HALF_WIDTH = {
 the delay in s, trims in full stick."""
 ABSOLUTE = ("delay", "pitch_trim", "roll_trim")
 IN_LAB = ("pitch_gain", "roll_gain")
-"""With a battery, hub drag and servos with play, full sticks all the time would leave 0.4 % (`python tests/widths.py`)."""
+"""With a battery, hub drag and servos with play, even full sticks all the time would leave 0.4 %: see
+`python tests/widths.py`."""
 
 
 def found(lab: str, seed: int) -> dict:
@@ -50,7 +51,9 @@ def found(lab: str, seed: int) -> dict:
     distance, count = joint(result, experiment)
     return {
         "inside": {name: k.low <= true[name] <= k.high for name, k in told.items()},
-        "half": {name: 0.5 * (k.high - k.low) / (1.0 if name in ABSOLUTE else abs(k.value)) for name, k in told.items()},
+        "half": {
+            name: 0.5 * (k.high - k.low) / (1.0 if name in ABSOLUTE else abs(k.value)) for name, k in told.items()
+        },
         "joint": distance <= chi2.ppf(0.95, count),
         "refused": refused,
     }
