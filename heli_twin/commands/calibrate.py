@@ -27,8 +27,8 @@ def add(subparsers: "_SubParsersAction[ArgumentParser]") -> None:
         "make the twin of a real helicopter from logs of its flights",
         "Fit the twin's parameters to flight logs, with 95 % intervals, and say which of them the flights leave open.\n"
         "Only what a real lab records is read: the cameras' poses and the commands that were sent. Without logs, the\n"
-        "calibration flights are flown first in the given lab: doublets in the plane and in height, doublets of all axes\n"
-        "at once, both with a multisine on all inputs, and a circle to check the result on.",
+        "calibration flights are flown first in the given lab: doublets in the plane and in height, then of all axes,\n"
+        "both with a multisine on all inputs, and a circle to check the result on.",
         "  heli-twin calibrate                                    # fly the lab's helicopter, and calibrate on it\n"
         "  heli-twin calibrate --plan                             # what the flights would tell, before anyone flies\n"
         "  heli-twin calibrate --card                             # the flights as text for the people in a lab\n"
