@@ -26,7 +26,7 @@ class Jet:
         self.coefficients = coefficients
 
     @classmethod
-    def variable(cls, value: Array, slope: float, order: int) -> "Jet":
+    def variable(cls, value: Array, slope: float | Array, order: int) -> "Jet":
         """The jet of a linear function of time with this value (...) and slope."""
         coefficients = np.zeros((order + 1, *np.shape(value)))
         coefficients[0] = value

@@ -47,7 +47,7 @@ class ReferencePreview:
         self._period, self._origin = period, origin
         self._first, self._x, self._u = 0, np.empty((0, 8)), np.empty((0, 4))
         self._samples = samples
-        self._highest, self._flat = highest, np.empty((highest + 1, 0, 4))
+        self._highest, self._flat = highest, np.empty(0)
 
     def __call__(self, stamp: int, steps: int) -> Reference:
         """Return `steps` inputs and `steps + 1` states, the first at `stamp` (ns, on the grid)."""

@@ -69,8 +69,7 @@ def quintic_derivatives(t: Array, highest: int, times: Array, points: Array, mot
         motion: Velocity and acceleration at the knots, each (m, 4).
     """
     share, length, (p0, v0, a0, c3, c4, c5) = _pieces(t, times, points, *motion)
-    q = Jet.variable(share, 0.0, highest)
-    q.coefficients[1:2] = 1.0 / length
+    q = Jet.variable(share, 1.0 / length, highest)
     curve = (p0 + q * (v0 + q * (0.5 * a0 + q * (c3 + q * (c4 + q * c5))))).derivatives()
     curve[1:, (t < times[0]) | (t >= times[-1])] = 0.0
     return curve

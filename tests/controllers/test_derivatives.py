@@ -68,7 +68,10 @@ def test_a_curve_at_a_pace_follows_the_chain_rule() -> None:
 def test_the_first_two_are_those_that_fly(kind: str) -> None:
     spec: Any = fitted(FAMILY[kind](), Model())
     t = np.linspace(0.0, 40.0, 2001)
-    np.testing.assert_allclose(spec.derivatives(t, 6)[:3], np.stack(spec.flat(t)), atol=1e-12)
+    for highest in (2, 6):
+        derivatives = spec.derivatives(t, highest)
+        assert derivatives.shape == (highest + 1, len(t), 4)
+        np.testing.assert_allclose(derivatives[:3], np.stack(spec.flat(t)), atol=1e-12)
 
 
 def test_a_start_in_motion_has_every_derivative() -> None:
@@ -76,6 +79,10 @@ def test_a_start_in_motion_has_every_derivative() -> None:
     assert smoothness(TakeoffAndLanding(flight=Hover())) == 2
     for kind, spec in members("controllers.trajectories").items():
         assert smoothness(spec()) == (ALL_DERIVATIVES if kind == "hover" else 2)
+        if kind in ("circle", "ferris_wheel", "lemniscate", "pirouette", "pirouette_circle"):
+            ramped: Any = replace(spec(), ramp=0.5)
+            assert smoothness(ramped) == 2
+            assert smoothness(replace(ramped, ramp=0.0)) == ALL_DERIVATIVES
 
 
 def test_a_figure_of_eight_backwards_keeps_its_heading() -> None:

@@ -65,5 +65,10 @@ def test_on_the_floor_it_stands_where_it_was_and_looks_where_it_did():
     np.testing.assert_array_equal(stands.position, before.position)
     assert stands.yaw[:2].tolist() == [0.4, 0.0]
     assert stands.z[:2].tolist() == [before.z[0], 0.0]
+    # From more than 3 mm above the floor it sinks to what is predicted, and at most to the floor.
+    high = before._replace(z=np.array([0.0535, *before.z[1:]]))
+    for predicted, expected in ((0.052, 0.052), (0.02, 0.05)):
+        sunk = estimator._on_the_floor(high, moved._replace(z=np.array([predicted, -0.5, *before.z[2:]])))
+        assert sunk.z[:2].tolist() == [expected, 0.0]
     # Velocity, acceleration and jerk of a gust's tilt are gone, what is believed of the air stays.
     assert (np.count_nonzero(stands.plane == 0.0, axis=1) >= 3).all()

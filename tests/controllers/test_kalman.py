@@ -496,3 +496,14 @@ def test_after_one_pose_no_push_is_known():
     estimator.receive(0, pose_of(AT_REST))
     for later in (0, 500 * MS, 5000 * MS):
         np.testing.assert_array_equal(estimator.estimate(later).disturbance, 0.0)
+
+
+@pytest.mark.parametrize(("gap", "mean"), [(1000, 0.25), (4000, 1.0), (9000, 1.0)])
+def test_the_mean_of_the_disturbance_is_over_the_mean_time(gap, mean):
+    """After 4 s without a push the mean takes in a push of 1 m/s^2 by its share of the time, and at most whole."""
+    kalman = Kalman(mean_time=4.0).start(MODEL)
+    kalman._d = (0.0, 0.0, 0.0, 0.0)
+    kalman._average(4000 * MS)
+    kalman._d = (1.0, -1.0, 2.0, 3.0)
+    kalman._average(gap * MS)
+    assert kalman._d_mean == pytest.approx((mean, -mean, 2.0 * mean, 3.0 * mean))

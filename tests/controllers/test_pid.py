@@ -194,3 +194,13 @@ def test_feed_forward_takes_the_lag_out_of_a_circle():
     # A held input is late by half a period, 0.5 m/s * 10 ms.
     assert np.abs(fly(replace(PID, feed_forward="flat"), Circle(), 20.0)).max() < 0.01
     assert np.abs(fly(PID, Circle(), 20.0))[:, :2].max() > 0.2
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_an_integral_that_leaves_the_limit_may_change(side):
+    """The push of the speed holds the stick at a limit, and the error leads away from it: it is gathered."""
+    controller = PID.start()
+    flying, wanted = moved(0.0, 0.0, 0.0, 0.0, side * 9.0), moved(side * 0.1)
+    assert controller.step(0, estimate(flying), reference(wanted)).u[0] == -side * MODEL.u_x_max
+    before = controller.step(0, estimate(REST), reference()).u[0]
+    assert before - HOVER[0] == pytest.approx(PID.i_x * PID.period * side * 0.1, rel=1e-6)

@@ -134,6 +134,7 @@ def test_the_believed_limits_count():
 
 def test_a_limit_may_be_reached():
     check_feasible(Moving(Z, dz=2.0), Model(), 10.0, 0.02)
+    check_feasible(Moving(Z, dz=-2.0), Model(), 10.0, 0.02)
 
 
 KINDS = [kind for _, kind in sorted(members("controllers.trajectories").items())]

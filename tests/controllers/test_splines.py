@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from controllers.splines import knot_motion, quintic
+from controllers.splines import knot_motion, quintic, quintic_derivatives
 from controllers.trajectories.csv import Csv
 
 TIMES = np.array([0.0, 1.0, 1.5, 3.0, 4.0])
@@ -41,6 +41,9 @@ def test_the_curve_meets_every_knot_with_its_motion_and_rests_outside():
     np.testing.assert_allclose(outside.z, POINTS[[0, -1]], atol=1e-12)
     assert not outside.dz.any()
     assert not outside.ddz.any()
+    derivatives = quintic_derivatives(np.array([-1.0, 5.0]), 3, TIMES, POINTS, (velocity, acceleration))
+    np.testing.assert_allclose(derivatives[0], POINTS[[0, -1]], atol=1e-12)
+    assert not derivatives[1:].any()
 
 
 def test_the_default_rows_go_round_a_square():

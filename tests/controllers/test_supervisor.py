@@ -103,6 +103,8 @@ def test_in_a_room_it_stops_and_lands_along_the_plan():
     assert station.phase == "levelling"
     levelling = station.orders[-1].reference
     np.testing.assert_array_equal(levelling.x[:, :4], np.tile([0.0, 0.0, 1.0, 0.0], (STEPS + 1, 1)))
+    assert not levelling.x[:, 6].any()
+    assert (levelling.u == HOVER).all()
     station.fly(0.4, poses=False)
     assert station.phase == "landing"
     landing = [order.reference.x for order in station.orders[-15:]]

@@ -311,3 +311,10 @@ def test_the_twin_takes_off_and_lands(law, preset):
     assert height.max() > 0.7
     # It stands on its skids, which give way by a millimetre; unsupervised, it may float a gust's lift above them.
     assert height[-1] == pytest.approx(flight.floor, abs=0.001 if preset == "lab" else 0.03)
+
+
+def test_legs_between_stops_take_as_long_as_each_alone():
+    rows = ((0.0, 0.0, 1.0, 0.0), (0.5, 0.0, 1.0, 0.0), (0.5, 1.5, 1.2, 1.0))
+    whole = Waypoints(points=rows, corners="stop").fitted(MODEL).times
+    alone = [Waypoints(points=rows[i : i + 2], corners="stop").fitted(MODEL).times[1] for i in (0, 1)]
+    assert whole == pytest.approx((0.0, alone[0], alone[0] + alone[1]), abs=1e-9)

@@ -7,7 +7,7 @@ from meeting import MODEL, estimated, meet, swap, to
 from controllers.coordinations import Note, Planner, Ship
 from controllers.coordinations.sequential import Sequential
 from controllers.emergency import STOPS
-from controllers.signals import Array, Estimate
+from controllers.signals import Array
 from controllers.trajectories.hover import Hover
 
 SPEC = Sequential()
