@@ -62,7 +62,7 @@ class DetailedLinearisation:
         """(10, 2) change of the plane's states in one step by the gust at its start."""
         self.gust_decay = float(solution.plane[0, GUST, GUST])
         self._decay = self.gust_decay ** np.arange(steps)[:, None]
-        self._turned = _turned(in_frame).reshape(_N_TURNS**2, -1)
+        self._turned = _turned(in_frame, False).reshape(_N_TURNS**2, -1)
         of_gust, of_trim, of_push = (
             _turned(disturbed[:, i : i + 2], by) for i, by in ((0, True), (2, False), (4, True))
         )
@@ -138,7 +138,7 @@ _N_TURNS = 5
 """Number of factors that depend on the heading: 1, cos and sin of half the step's turn, and of the middle heading."""
 
 
-def _turned(in_frame: Array, world: bool = False) -> Array:
+def _turned(in_frame: Array, world: bool) -> Array:
     """Matrices that sum up to that of a step along a turning heading.
 
     Args:

@@ -101,6 +101,8 @@ class Plain:
 
 
 def test_a_plain_trajectory_says_what_it_lacks() -> None:
+    for highest in (0, 1, 2):
+        assert derivatives(Plain(), np.zeros(5), highest).shape == (highest + 1, 5, 4)
     assert smoothness(Plain()) == 2
     assert derivatives(Plain(), T, 2).shape == (3, 7, 4)
     for trajectory in (Plain(), TakeoffAndLanding(flight=Plain())):

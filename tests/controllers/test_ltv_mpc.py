@@ -188,6 +188,7 @@ def test_where_no_bound_is_active_the_answer_is_that_of_proxqp(narrow, coupling,
         assert (answer.qp.status, answer.qp.active_bounds) == (judge.qp.status, judge.qp.active_bounds)
         np.testing.assert_allclose(answer.plan.u, judge.plan.u, rtol=0, atol=1e-6)
         assert answer.qp.objective == pytest.approx(judge.qp.objective, rel=1e-6, abs=1e-9)
+        assert answer.qp.slack == pytest.approx(judge.qp.slack, abs=1e-6)
         free.append(answer.qp.active_bounds == 0)
     assert 3 < sum(free) < 37
 

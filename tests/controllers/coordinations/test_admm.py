@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from meeting import MODEL, meet, swap, to
 
-from controllers.coordinations.admm import Admm, apart
+from controllers.coordinations.admm import Admm, _moved_on, apart
 from controllers.trajectories.hover import Hover
 from controllers.trajectories.waypoints import Waypoints
 from heli_twin.lab.network import Network
@@ -69,3 +69,22 @@ def test_who_is_alone_flies_its_wish():
     wish = to((-1.0, 0.0), (0.5, 0.0))
     meeting = meet({"a": wish, "b": Hover(x=9.0)}, 3.0, Admm(rounds=2))
     np.testing.assert_allclose(meeting.flown[:, 0], wish.flat(0.01 * np.arange(300)).z[:, :3], atol=1e-4)
+
+
+def test_a_plan_that_comes_too_near_after_the_last_round_is_refused():
+    """With one round the two have not agreed yet; each keeps its old plan, and says how near the new one came."""
+    nearest = {}
+    for least in (0.0, 0.4):
+        meeting = meet(swap(2), 3.0, Admm(rounds=1, least=least))
+        refused = [note.reason for _, _, note in meeting.notes if note.outcome == "refused"]
+        assert all(0.0 < float(reason.removesuffix(" m from another")) <= least for reason in refused)
+        assert bool(refused) == bool(least)
+        nearest[least] = meeting.promised
+    assert nearest[0.0] < 0.35
+    assert nearest[0.4] > 0.4
+
+
+def test_a_plan_that_moves_on_stands_at_its_end():
+    plan = np.stack([np.arange(5.0), -np.arange(5.0)], axis=1)
+    for steps, rows in ((0, [0, 1, 2, 3, 4]), (1, [1, 2, 3, 4, 4]), (3, [3, 4, 4, 4, 4]), (9, [4] * 5)):
+        np.testing.assert_array_equal(_moved_on(plan, steps), plan[rows])

@@ -27,8 +27,9 @@ def test_who_can_stop_straight_ahead_does_so_at_one_and_four_tenths_of_the_accel
         for message in other.act(other.due, estimated(other.committed, other.due, other.due), True):
             planner.receive(now, message)
     state = planner.committed.flat(np.array([2.0]))
-    planner.act(2_000_000_000, estimated(planner.committed, 2_000_000_000, 1_800_000_000), True)
+    told = planner.act(2_000_000_000, estimated(planner.committed, 2_000_000_000, 1_800_000_000), True)
     assert planner.note == Note("committed", STOPS, False, 0)
+    assert told[0].body["a"].since == -1, "who stops asks nobody to step aside"
     # A turn commits from the next knot on.
     v = planner.committed.flat(np.array([2.1])).dz[0, 0]
     rest = planner.committed.flat(np.array([9.0])).z[0, 0]

@@ -1,9 +1,15 @@
 """A plan of ProxQP starts where it is told, keeps limits and half-spaces, ends at rest, and gets near its target."""
 
 import numpy as np
+import pytest
+from meeting import MODEL
 
+from controllers.coordinations import Ship
+from controllers.coordinations.admm import Admm
+from controllers.coordinations.sequential import Sequential
 from controllers.plan_qp import Effort, HalfSpaces, PlanQp
 from controllers.signals import Array
+from controllers.trajectories.hover import Hover
 
 N, H = 20, 0.1
 EDGE = 1e-4
@@ -56,3 +62,14 @@ def test_it_stays_behind_half_spaces():
 def test_walls_that_cannot_be_kept_have_no_plan():
     k = np.arange(1, N + 1)
     assert plan(np.array([1.0, 0.0]), HalfSpaces(k, np.tile([-1.0, 0.0], (N, 1)), np.full(N, 0.2)), speed=0.8) is None
+
+
+@pytest.mark.parametrize("spec", [Sequential(), Admm()], ids=lambda spec: spec.kind)
+def test_plans_climb_at_half_a_metre_a_second_and_turn_at_two_radians_a_second(spec):
+    """And change that by 1 m/s^2 and 6 rad/s^2: the target is far, so that all limits are reached."""
+    planner = spec.planner_of("a", [Ship("a", Hover(), MODEL)])
+    for qp, speed, acceleration in ((planner._height, 0.5, 1.0), (planner._heading, 2.0, 6.0)):
+        knots = qp(np.zeros((spec.steps + 1, 3, 1)), np.full((spec.steps, 1), 9.0))
+        assert np.abs(knots[:, 1]).max() == pytest.approx(speed, rel=1e-3)
+        assert np.abs(knots[:, 2]).max() == pytest.approx(acceleration, rel=1e-3)
+        assert not knots[-1, 1:].any(), "it ends at rest"
