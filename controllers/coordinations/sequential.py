@@ -53,6 +53,8 @@ HASTE = 2.0
 """Who is in danger may need this multiple of the acceleration of plans."""
 PUSHES = (0.5, 0.15, 0.0)
 """Shares of the acceleration of plans at which to move away from one that cannot go on, tried in this order."""
+AWAY_M = 0.5
+"""Who is in danger flies this far away from it."""
 NEAR_M = 0.4
 """Others that come nearer than the distance to keep and this are in the first QP; further ones if need be."""
 
@@ -296,8 +298,8 @@ class SequentialPlanner:
         """
         spec, old, danger = self._spec, scene.old[1 : self._spec.steps + 2], scene.in_danger
         away = scene.here - scene.knots[danger, 1].mean(axis=0)
-        target = np.tile(scene.here + 0.5 * away / max(float(np.hypot(*away)), 1e-6), (spec.steps, 1))
-        near, iterations = scene.room(scene.old) < NEAR_M, 0
+        target = np.tile(scene.here + AWAY_M * away / max(float(np.hypot(*away)), 1e-6), (spec.steps, 1))
+        near, iterations = scene.room(scene.old) < NEAR_M + AWAY_M, 0
         best, most = None, scene.room(scene.old)[danger].min()
         candidates = [np.concatenate([scene.old[:1], self._own.stop(scene.old[1], HASTE * spec.acceleration)[:-1]])]
         for each in (near, near & ~danger):
