@@ -49,7 +49,7 @@ def errors(log: Log) -> tuple[Array, Array]:
         return found.time, found.error
     moved, planned = motion(log), log.reference
     time = in_seconds(planned.stamp)
-    if len(moved.time) < 2 or not len(time):
+    if not len(moved.time):
         return np.zeros(0), np.zeros((0, 4))
     kept = (time >= moved.time[0]) & (time <= moved.time[-1])
     there = np.column_stack([np.interp(time[kept], moved.time, moved.state[:, i]) for i in range(4)])

@@ -14,7 +14,7 @@ from controllers.trajectories.doublets import Doublets
 from controllers.trajectories.hover import Hover
 from heli_twin.cli import main
 from heli_twin.experiment.text import load
-from heli_twin.identification.data import MAX_GAP_S, angles_of, stretches
+from heli_twin.identification.data import GRID_S, MAX_GAP_S, WINDOW_S, angles_of, stretches
 from heli_twin.identification.figure import residual_figures
 from heli_twin.identification.fit import MEMORY_S, IdentificationError, half_widths
 from heli_twin.identification.flights import HEIGHT_AND_YAW_FLIGHTS, PLANE_FLIGHTS, experiments, fly_them
@@ -91,6 +91,22 @@ def test_a_quaternion_of_any_length_is_the_same_attitude(lean, length):
 def test_angles_of_an_attitude_are_yaw_pitch_and_roll(yaw, pitch, roll):
     quat = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True)
     np.testing.assert_allclose(angles_of(quat[None])[0], [yaw, pitch, roll], atol=1e-7)
+
+
+@pytest.mark.parametrize("axis", ["x", "yaw"])
+def test_what_swings_once_in_the_length_of_the_window_is_halved(axis):
+    """A raised cosine is that: its mean is 1, and half of it is a cosine of its length."""
+    log, w, h = flown(seconds=9.0), 2.0 * np.pi / WINDOW_S, GRID_S
+    t = 1e-9 * log.pose.stamp
+    swing = 1e-3 * np.sin(w * t)
+    half = 0.5 * swing * (axis == "yaw")
+    log.pose.position[:, 0] = swing
+    log.pose.quat_wxyz[:] = np.column_stack([np.cos(half), 0 * t, 0 * t, np.sin(half)])
+    (stretch,) = stretches(log, "swings")
+    found, t = stretch.axes[axis], stretch.time
+    # Central differences of a sine.
+    np.testing.assert_allclose(found.speed, 0.5e-3 * np.sin(w * h) / h * np.cos(w * t), atol=1e-9)
+    np.testing.assert_allclose(found.accel, -1e-3 * (1.0 - np.cos(w * h)) / h**2 * np.sin(w * t), atol=1e-7)
 
 
 def test_a_tilt_pushes_in_proportion_to_the_thrust_over_its_mean():

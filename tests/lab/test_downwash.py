@@ -38,6 +38,15 @@ def test_only_those_above_blow_and_jets_add_up():
     assert jet(HERE, np.array([[0.0, 0.0, 1e-6]])) < 1e-4
 
 
+def test_the_jet_is_averaged_over_the_disc_alike_from_all_sides():
+    # In its middle and at six points around it, at half a metre, where it is half as fast 12 cm beside its axis.
+    ring = (1.0 + (2.0**0.5 - 1.0) * (0.067 / 0.12) ** 2) ** -2
+    assert jet(HERE, np.array([[0.0, 0.0, 0.5]])) == pytest.approx(2.4 * (1.0 + 6.0 * ring) / 7.0, rel=1e-12)
+    sides = np.radians(60.0) * np.arange(6)
+    around = [jet(HERE, np.array([[0.1 * np.cos(side), 0.1 * np.sin(side), 0.5]])) for side in sides]
+    assert around == pytest.approx([around[0]] * 6, rel=1e-12)
+
+
 def test_one_that_hovers_half_a_metre_above_another_sinks_it():
     e = replace(load("lab_simple", ["disturbances.gust=off", "disturbances.bias=off"]), duration=2.0)
     lowest: list[float] = []

@@ -36,6 +36,12 @@ def test_python_control_finds_the_same_margins(numerator, denominator, pade):
     assert ours.peak_sensitivity == pytest.approx(1.0 / stability, rel=5e-3)
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_peak_sensitivity_may_be_at_the_first_or_the_last_frequency(order):
+    ours = margins(LoopResponse(np.array([1.0, 2.0, 4.0]), np.array([-0.75, -0.5, -0.2], complex)[::order]))
+    assert ours.peak_sensitivity == pytest.approx(4.0, rel=1e-12)
+
+
 def test_a_loop_that_never_gets_unstable_has_infinite_margins():
     w = np.geomspace(0.1, 10.0, 50)
     ours = margins(LoopResponse(w, 0.3 / (1.0 + 1j * w)))

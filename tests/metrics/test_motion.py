@@ -90,9 +90,12 @@ def test_of_slow_cameras_four_periods_are_a_gap():
     assert [(gap.start, gap.end) for gap in outages(log)] == [pytest.approx((0.6, 1.1))]
 
 
-def test_two_poses_are_a_motion(seen):
+@pytest.mark.parametrize(("poses", "found"), [(0, 0), (2, 1), (4, 2)])
+def test_a_control_step_between_two_poses_has_an_error(seen, poses, found):
     pose = seen.messages["/mocap/pose"]
-    two = replace(seen, messages={**seen.messages, "/mocap/pose": Messages(*(column[50:52] for column in pose))})
-    time, error = errors(two)
-    assert len(motion(two).time) == 2
-    assert len(time) == len(error) == 1
+    few = replace(
+        seen, messages={**seen.messages, "/mocap/pose": Messages(*(column[50 : 50 + poses] for column in pose))}
+    )
+    time, error = errors(few)
+    assert len(motion(few).time) == poses
+    assert (time.shape, error.shape) == ((found,), (found, 4))

@@ -1,6 +1,8 @@
 """How near several helicopters came, and who arrived."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,9 +15,18 @@ from controllers.trajectories.pirouette import Pirouette
 from controllers.trajectories.waypoints import Waypoints
 from heli_twin.experiment.several_text import load_several
 from heli_twin.metrics.flat import flat
-from heli_twin.metrics.several import arrival, flown_paths, least_over_time, nearest, pooled_metrics, several_metrics
+from heli_twin.metrics.several import (
+    arrival,
+    flown_paths,
+    least_over_time,
+    nearest,
+    pooled_metrics,
+    promised_distance,
+    several_metrics,
+)
 from heli_twin.metrics.tracking import metrics
-from heli_twin.recording.records import Messages
+from heli_twin.recording import Log
+from heli_twin.recording.records import Messages, Turn
 from heli_twin.several.fly import SeveralResult, fly_several, wishes_of
 
 
@@ -56,6 +67,7 @@ def flown() -> SeveralResult:
     words = ["base=ideal", "coordination=none", "scenario=own", "duration=3", "ships.a.trajectory=waypoints"]
     points = "ships.a.trajectory.points=[[0,0,1,0],[0.6,0,1,0]]"
     words += [points, "ships.a.trajectory.times=[0,2]", "ships.b.trajectory=hover", "ships.b.trajectory.y=2"]
+    words += ["ships.b.trajectory.height=2.5"]
     return fly_several(load_several("pair", words), log_dir=None)
 
 
@@ -66,8 +78,42 @@ def test_who_stays_at_its_goal_has_arrived(flown: SeveralResult):
     moved = wish.flat(np.linspace(0.0, 2.0, 2001)).z[:, 0]
     # Within 15 cm of the end; the ideal helicopter follows its plan to some millimetres.
     assert found["time_to_goal"] == pytest.approx(2.0 * np.argmax(moved > 0.45) / 2000, abs=0.03)
-    assert found["least_distance"] == pytest.approx(2.0, abs=0.01)
+    # They are nearest at the start, 2 m beside and 1.5 m above each other.
+    assert found["least_distance"] == pytest.approx(2.5, abs=0.01)
+    assert found["least_distance_in_plane"] == pytest.approx(2.0, abs=0.01)
     assert found["least_planned"] == pytest.approx(2.0, abs=1e-6)
+    assert found["nearest"]["ships"] == found["nearest_planned"]["ships"] == ["a", "b"]
+    assert found["nearest"]["time"] == found["nearest_planned"]["time"] == pytest.approx(0.0, abs=0.02)
+
+
+class Told:
+    """A log that tells some things otherwise."""
+
+    def __init__(self, log: Any, **told: Any) -> None:
+        self._log, self._told = log, told
+
+    def __getattr__(self, name: str) -> Any:
+        return self._told[name] if name in self._told else getattr(self._log, name)
+
+
+def test_turns_of_planners_are_counted(flown: SeveralResult):
+    outcomes = {"a": ("committed", "kept", "refused", "refused"), "b": ("refused", "committed")}
+    turns = {name: [Turn(0, told, "", False, 3, 2, 1) for told in each] for name, each in outcomes.items()}
+    took = {"a": np.array([1_000_000, 2_000_000]), "b": np.array([6_000_000])}
+    ships = {name: Told(flown.log.ship(name), planning=turns[name], planning_ns=took[name]) for name in "ab"}
+    found = several_metrics(cast(Log, Told(flown.log, ship=ships.__getitem__)), wishes_of(flown.several))
+    assert (found["ships"], found["turns"], found["refused_plans"], found["messages"]) == (2, 6, 3, 12)
+    assert (found["planning_ms"]["p50"], found["planning_ms"]["max"]) == pytest.approx((2.0, 6.0))
+
+
+@pytest.mark.parametrize(
+    ("told", "distance"),
+    [("0.4", 0.4), ("9.99", 9.99), ("10", 0.3), ("0", 0.3), ("-1", 0.3), ('"a"', 0.3), ("null", 0.3)],
+)
+def test_the_distance_between_plans_is_that_of_the_coordination_or_the_usual_one(told: str, distance: float):
+    text = f'{{"coordination": {{"distance": {told}}}}}'
+    assert promised_distance(cast(Log, SimpleNamespace(experiment=text))) == distance
+    assert promised_distance(cast(Log, SimpleNamespace(experiment="{}"))) == 0.3
 
 
 def test_who_is_elsewhere_has_not_arrived_and_its_plan_was_stuck(flown: SeveralResult):
@@ -81,12 +127,12 @@ def test_who_is_elsewhere_has_not_arrived_and_its_plan_was_stuck(flown: SeveralR
 
 
 def test_who_begins_at_its_goal_has_arrived_when_it_begins(flown: SeveralResult):
-    found = arrival(flown.log.ship("b"), Hover(y=2.0))
+    found = arrival(flown.log.ship("b"), Hover(y=2.0, height=2.5))
     assert (found.arrived, found.time) == (True, 0.0)
 
 
 def test_who_turns_at_its_goal_has_a_goal(flown: SeveralResult):
-    found = arrival(flown.log.ship("b"), Pirouette(y=2.0))
+    found = arrival(flown.log.ship("b"), Pirouette(y=2.0, height=2.5))
     assert (found.arrived, found.time) == (True, 0.0)
 
 

@@ -4,7 +4,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from controllers.signals import Array
+from controllers.signals import Array, nanoseconds
 
 
 class Truth(NamedTuple):
@@ -91,6 +91,11 @@ class FeelsMoments(Protocol):
     def feels_moments(self) -> bool:
         """True."""
         ...
+
+
+def is_whole_nanoseconds(step: float) -> bool:
+    """Whether a step (s) is a whole number of nanoseconds; a thousandth of one is rounding."""
+    return abs(nanoseconds(step) - 1e9 * step) <= 1e-3
 
 
 class PlantSpec(Protocol):

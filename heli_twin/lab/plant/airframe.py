@@ -12,6 +12,7 @@ from annotated_types import Ge, Le, Unit, doc
 
 from controllers.markers import EachOf, FileContent, Named, by_name
 from controllers.signals import Array, nanoseconds
+from heli_twin.lab.plant import is_whole_nanoseconds
 from heli_twin.lab.plant.contract import hover_trim, motion_of, violations
 from heli_twin.lab.plant.effects import Effect
 from heli_twin.lab.plant.mjcf_text import normal_form, read_text, timestep, unpacked
@@ -184,7 +185,7 @@ def _mcx2() -> str:
 
 def _check_step(text: str) -> None:
     step = timestep(text)
-    if not SHORTEST_STEP_S <= step <= LONGEST_STEP_S or abs(nanoseconds(step) - 1e9 * step) > 1e-3:
+    if not SHORTEST_STEP_S <= step <= LONGEST_STEP_S or not is_whole_nanoseconds(step):
         raise ValueError(
             f"has a timestep of {step:g} s: take a whole number of nanoseconds from {SHORTEST_STEP_S:g} to"
             f" {LONGEST_STEP_S:g} s"

@@ -164,7 +164,9 @@ def _trial(mujoco: Any, model: Any, u: Array) -> Moving:
     data.act[:4] = hover_trim(model)
     data.ctrl[:4] = u
     motion = motion_of(model, data)
-    motion.place(np.array([0.0, 0.0, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    high_up = np.zeros(8)
+    high_up[2] = 100.0
+    motion.place(high_up)
     mujoco.mj_step(model, data, max(1, round(TRIAL_S / model.opt.timestep)))
     return motion.now()
 

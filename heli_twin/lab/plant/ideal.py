@@ -9,7 +9,7 @@ from annotated_types import Ge, Le, Unit, doc
 
 from controllers.model import Input, Model, State, simulator
 from controllers.signals import Array, nanoseconds
-from heli_twin.lab.plant import Air, Truth
+from heli_twin.lab.plant import Air, Truth, is_whole_nanoseconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Ideal:
         Raises:
             ValueError: The step is no whole number of nanoseconds.
         """
-        if abs(self.step_ns - 1e9 * self.step) > 1e-3:
+        if not is_whole_nanoseconds(self.step):
             raise ValueError(f"step is {self.step} s: take a whole number of nanoseconds")
 
     @property

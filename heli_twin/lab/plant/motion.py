@@ -104,7 +104,6 @@ class FreeJoint:
         self._pose, self._velocities = data.qpos[:7], data.qvel[:6]
         self.position, self.velocity = self._pose[:3], self._velocities[:3]
         self._damping = 0.0 if gyro is None else float(model.actuator_biasprm[gyro, 2])
-        self._heading, self._turns = 0.0, 0
 
     def place(self, x: Array) -> None:
         """Put the body into physical state x (8,), level."""

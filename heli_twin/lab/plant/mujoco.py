@@ -30,6 +30,7 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 from controllers.markers import EachOf, Named, by_name
 from controllers.model import GRAVITY
 from controllers.signals import Array, nanoseconds
+from heli_twin.lab.plant import is_whole_nanoseconds
 from heli_twin.lab.plant.effects import Effect
 from heli_twin.lab.plant.motion import Gimbal
 from heli_twin.lab.plant.twin import Parts, Twin
@@ -94,7 +95,7 @@ class MuJoCo:
             ValueError: The step is no whole number of nanoseconds or too long for the attitude, or the inertias are
                 no rigid body's.
         """
-        if abs(self.step_ns - 1e9 * self.step) > 1e-3:
+        if not is_whole_nanoseconds(self.step):
             raise ValueError(f"step is {self.step} s: take a whole number of nanoseconds")
         # The integrator keeps even an undamped oscillator stable up to 2 rad a step.
         fastest = self.attitude_frequency * max(1.0, sqrt(self.inertia_yy / self.inertia_xx))

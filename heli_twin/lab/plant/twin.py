@@ -80,7 +80,7 @@ class Twin:
         self._gyro_worked = True
         self._steps = 0
         self._step_ns = spec.step_ns
-        self._effect_steps = max(1, PERIOD_NS // self._step_ns)
+        self._effect_steps = PERIOD_NS // self._step_ns
         self._mj_step = mujoco.mj_step
         self._model, self._data = model, data = parts.model, parts.data
         named = Names(model, parts.prefix) if parts.prefix else model
@@ -108,7 +108,7 @@ class Twin:
         updates = [effect.start(self._physics) for effect in by_name(spec.effects).values()]
         self._every_period = [update.every_period for update in updates if update.every_period]
         if isinstance(parts.motion, FreeJoint):
-            self._every_period.append(lambda _: parts.motion.now() and None)
+            self._every_period.append(self._count_turns)
         self._on_input = [update.on_input for update in updates if update.on_input]
         self._update_effects()
         trim = self._physics.trim
@@ -232,6 +232,10 @@ class Twin:
         for update in self._on_input:
             update(physics)
         self._ctrl[:] = physics.u
+
+    def _count_turns(self, _: Physics) -> None:
+        """Look at the heading: it is unwrapped by who looks often enough."""
+        self._parts.motion.now()
 
     def _update_effects(self) -> None:
         self._physics.thrust = 1.0

@@ -93,8 +93,9 @@ class World:
         for i in range(model.nbody):
             if model.body(i).name.startswith(f"{name}/"):
                 model.body_gravcomp[i] = 1.0
-        sideways = PARKED_M + list(self.twins).index(name)
-        self.twins[name].place(np.array([sideways, 0.0, PARKED_M, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        parked = np.zeros(8)
+        parked[[0, 2]] = PARKED_M + list(self.twins).index(name), PARKED_M
+        self.twins[name].place(parked)
 
 
 @lru_cache(maxsize=16)

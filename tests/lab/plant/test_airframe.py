@@ -66,8 +66,12 @@ def test_the_heading_is_counted_over_full_turns(way):
     """5 rad/s for 4 s in one piece are more than three turns."""
     turned = held([0, 0, 0, way], 4.0)
     pieces = Airframe(model=TEXT).start(UP)
+    headings = [pieces.truth().yaw]
     for t in range(1, 401):
         pieces.advance(t * SECOND // 100, np.array([0, 0, 0.4905, way]), STILL_AIR)
+        headings.append(pieces.truth().yaw)
+    # At 5 rad/s and every 10 ms, without a jump.
+    assert np.abs(np.diff(headings)).max() < 0.06
     assert way * turned.yaw > 5.5 * np.pi
     assert turned.yaw == pieces.truth().yaw
 
@@ -278,6 +282,8 @@ def test_it_is_drawn_from_its_geoms():
     prop = next(part for part in shape if part.colour == 0x33BFF28C and part.centre[0] > 0 and part.centre[1] > 0)
     assert (prop.kind, prop.size, prop.centre) == ("cylinder", (0.032, 0.002), pytest.approx((0.05, 0.05, 0.01)))
     foot = next(part for part in shape if part.kind == "cylinder" and part.size[0] == pytest.approx(0.003))
+    # The first of the materials, 0.15 0.16 0.18.
+    assert foot.colour == 0x26292EFF
     assert (foot.size, foot.centre) == (pytest.approx((0.003, 0.02)), pytest.approx((0.05, 0.05, -0.01)))
     ends = [part.centre for part in shape if part.kind == "sphere" and part.size == pytest.approx((0.003,))]
     assert sorted(z for x, y, z in ends if x > 0 and y > 0) == pytest.approx([-0.02, 0.0])
@@ -288,6 +294,11 @@ def test_a_text_that_does_not_compile_is_drawn_as_a_ball():
     (ball,) = shape_of(Airframe(model="<mujoco/>"))
     assert (ball.kind, ball.centre) == ("sphere", (0.0, 0.0, 0.0))
     assert shape_of(MuJoCo()) == ()
+
+
+def test_a_colour_beyond_the_range_is_the_end_of_it():
+    parts = shape_of(Airframe(model=changed(('rgba="0.9 0.1 0.1 1"', 'rgba="1.3 -0.3 0.2 1"'))))
+    assert next(part.colour for part in parts if part.size == (0.007,)) == 0xFF0033FF
 
 
 def test_shapes_have_whole_sizes():

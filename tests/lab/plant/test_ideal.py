@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers.model import Model, advance, rates
-from heli_twin.lab.plant import STILL_AIR, Air, physical_state
+from heli_twin.lab.plant import STILL_AIR, Air, is_whole_nanoseconds, physical_state
 from heli_twin.lab.plant.ideal import Ideal
 
 MS = 1_000_000
@@ -113,6 +113,9 @@ def test_what_cannot_be_flown_is_refused(until, u):
 def test_a_step_is_whole_nanoseconds():
     with pytest.raises(ValueError, match="whole number of nanoseconds"):
         Ideal(step=1 / 3000)
+    # A thousandth of a nanosecond is rounding.
+    assert is_whole_nanoseconds(0.001 + 0.9e-12)
+    assert not is_whole_nanoseconds(0.001 + 1.1e-12)
 
 
 def _moving(x, wind):

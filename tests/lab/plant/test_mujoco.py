@@ -380,6 +380,18 @@ def test_a_push_accelerates_whatever_the_mass():
     assert plant.truth().velocity[2] == pytest.approx(0.6, abs=1e-10)
 
 
+def test_a_moment_acts_as_long_as_it_blows():
+    once, never = NOMINAL.start(at()), NOMINAL.start(at())
+    once.advance(20 * MS, HOVER, Air(np.zeros(3), np.zeros(3), moment=np.zeros(3)))
+    never.advance(20 * MS, HOVER, STILL_AIR)
+    for plant in (once, never):
+        plant.advance(100 * MS, HOVER, STILL_AIR)
+    assert_same(once.truth(), never.truth())
+    once.advance(120 * MS, HOVER, Air(np.zeros(3), np.zeros(3), moment=np.array([1e-5, 0.0, 0.0])))
+    assert not once._data.xfrc_applied.any()
+    assert once.truth().angular_velocity[0] > 0.001
+
+
 def test_thrust_factor_scales_thrust():
     truth = held(0, 1.0, air=Air(np.zeros(3), np.zeros(3), 0.9))
     assert truth.velocity[2] == pytest.approx(-0.1 * GRAVITY, abs=1e-10)
@@ -437,6 +449,13 @@ def test_a_start_in_the_floor_is_refused():
 def test_what_cannot_be_flown_is_refused(until, u):
     with pytest.raises(ValueError, match=r"until|finite"):
         NOMINAL.start(at()).advance(until, u, STILL_AIR)
+
+
+def test_a_time_between_two_steps_is_told_with_now_and_the_step():
+    plant = NOMINAL.start(at())
+    plant.advance(20 * MS, HOVER, STILL_AIR)
+    with pytest.raises(ValueError, match="until = 20500000 ns has to be 20000000 ns plus whole steps of 1000000 ns"):
+        plant.advance(20_500_000, HOVER, STILL_AIR)
 
 
 @pytest.mark.parametrize(

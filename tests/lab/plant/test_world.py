@@ -110,6 +110,12 @@ def test_motors_of_a_flight_that_is_over_are_off_and_one_that_diverged_disturbs_
     assert all(np.isfinite(part).all() for part in world.twins["c"].truth()[1:5])
 
 
+def test_what_is_only_looked_at_is_no_part_of_the_world():
+    world = World(dict.fromkeys("ab", LAB), {"a": at(0.0), "b": at(1.0)})
+    # The floor; of each the skids, canopy, fin, upper disc, and the disc of both rotors.
+    assert world._model.ngeom == 1 + 2 * 6
+
+
 def test_who_would_stand_in_the_floor_is_told():
     with pytest.raises(ValueError, match=r"at a height of 0.02 m the helicopter would stand"):
         World(dict.fromkeys("ab", LAB), {"a": at(0.0), "b": at(1.0, 0.0, 0.02)})

@@ -433,6 +433,12 @@ def test_on_the_floor_the_rotors_stand_until_the_first_command():
     assert trim_of(twin(SpoolUp(), x=at(1.0)))[2] == HOVER[2]
 
 
+@pytest.mark.parametrize(("gap", "stands"), [(0.0009, True), (0.0011, False)])
+def test_who_is_within_a_millimetre_of_the_floor_stands_on_it(gap, stands):
+    # The skids reach down to 45 mm below the centre of gravity.
+    assert twin(SpoolUp(), x=at(0.045 + gap)).truth().touching == stands
+
+
 def test_rotors_that_start_on_the_floor_have_balanced_torques_in_hover():
     plant = twin(SpoolUp(), ThrustYawCoupling(), x=at(0.045))
     lifting = HOVER * 1.05
