@@ -37,7 +37,7 @@ def rise_version(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     """Raise the physics version and change a default: the believed limit of the yaw input."""
 
     def rise() -> None:
-        for room in ("past", "text"):
+        for room in ("past", "paths", "toml_file"):
             monkeypatch.setattr(f"heli_twin.experiment.{room}.PHYSICS_VERSION", PHYSICS_VERSION + 1)
         past = Past(PHYSICS_VERSION + 1, Model().u_yaw_max, is_new=False)
         monkeypatch.setitem(PAST, "controllers.model.Model.u_yaw_max", past)

@@ -132,6 +132,9 @@ def test_together_winds_and_pushes_add_up_and_factors_multiply():
     np.testing.assert_allclose(both.wind, [0.0, 3.0, 3.5], rtol=0, atol=1e-15)
     np.testing.assert_allclose(both.acceleration, [0.6, 0.2, 0.0], rtol=0, atol=1e-15)
     assert both.thrust_factor == pytest.approx(0.72, abs=1e-15)
+    assert both.moment is None
+    turning, more = (one._replace(moment=np.array(moment)) for moment in ([1.0, 2.0, 3.0], [0.5, -2.0, 1.0]))
+    np.testing.assert_array_equal(together([other, turning, more]).moment, [1.5, 0.0, 4.0])
     still = together([])
     np.testing.assert_array_equal([*still.wind, *still.acceleration], np.zeros(6))
     assert still.thrust_factor == STILL_AIR.thrust_factor == 1.0

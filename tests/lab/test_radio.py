@@ -185,6 +185,12 @@ def test_without_commands_the_receiver_takes_its_own_once_and_then_obeys_again()
     np.testing.assert_array_equal(own.u, [0.0, 0.0, 0.2, 0.0])
 
 
+def test_the_failsafe_begins_when_its_time_is_over():
+    radio = link(failsafe=0.5)
+    assert radio.receive(500 * MS - 1) is None
+    assert radio.receive(500 * MS).stamp == -1
+
+
 def test_without_a_failsafe_the_last_command_stays_in_force():
     assert [stamp for _, stamp in flown(link(failsafe=0.0, loss=0.0), [0], 5000 * MS)] == [0]
 

@@ -36,6 +36,15 @@ def test_python_control_finds_the_same_margins(numerator, denominator, pade):
     assert ours.peak_sensitivity == pytest.approx(1.0 / stability, rel=5e-3)
 
 
+def test_of_several_crossings_the_least_delay_and_the_highest_frequency_count():
+    # |L| = 1 halfway between two points on a logarithmic scale, each time 30 degrees before the half circle.
+    size, at = np.array([2.0, 0.5, 2.0, 0.5]), np.array([1.0, 2.0, 4.0, 8.0])
+    ours = margins(LoopResponse(at, size * np.exp(-1j * np.radians(150.0))))
+    assert ours.crossover == pytest.approx(4.0 * np.sqrt(2.0), rel=1e-6)
+    assert ours.delay == pytest.approx(np.radians(30.0) / (4.0 * np.sqrt(2.0)), rel=1e-6)
+    assert ours.gain == np.inf
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_the_peak_sensitivity_may_be_at_the_first_or_the_last_frequency(order):
     ours = margins(LoopResponse(np.array([1.0, 2.0, 4.0]), np.array([-0.75, -0.5, -0.2], complex)[::order]))

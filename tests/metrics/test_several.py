@@ -54,6 +54,8 @@ def test_the_least_distance_is_found_between_samples():
 def test_only_times_that_both_have_count():
     early, late = line((0, 0, 1), (1, 0, 1), 0.0, 0.4), line((0, 0, 1), (1, 0, 1), 0.6, 1.0)
     assert nearest({"a": early, "b": late}) is None
+    never = np.zeros(0), np.zeros((0, 3))
+    assert nearest({"a": never, "b": late}) is nearest({"a": late, "b": never}) is None
     time, least = least_over_time(
         {"a": line((0, 0, 1), (0, 0, 1), 0.0, 1.0), "b": line((0, 3, 1), (0, 1, 1), 0.0, 0.5, 1.0)}
     )

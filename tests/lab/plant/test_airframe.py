@@ -6,6 +6,7 @@ from copy import deepcopy
 from dataclasses import replace
 from math import sqrt
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -17,10 +18,11 @@ from controllers.model import GRAVITY, Model
 from heli_twin import Experiment, HeliTwinError, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.experiment.tree import canonical_json, from_json, toml_of
-from heli_twin.lab.plant import STILL_AIR, Air, physical_state
+from heli_twin.lab.plant import STILL_AIR, Air, contract, physical_state
 from heli_twin.lab.plant.airframe import Airframe, _rpy, shape_of
+from heli_twin.lab.plant.contract import violations
 from heli_twin.lab.plant.mjcf_text import MAX_MESH_BYTES, MAX_TEXT_BYTES, timestep
-from heli_twin.lab.plant.mujoco import MuJoCo, model_file
+from heli_twin.lab.plant.mujoco import MuJoCo, engine, model_file
 
 FOLDER = Path(__file__).parent / "airframes"
 QUADROTOR = FOLDER / "quadrotor.xml"
@@ -97,6 +99,11 @@ def test_the_sticks_act_as_the_file_says(stick, expected):
     found = (rates[1] - rates[0]) / (times[1] - times[0]) / 0.02 + drag * sum(rates) / 2 / 0.02
     # Attitude 20 rad/s with a damping ratio of 0.7 has settled to 1 % after 0.4 s, lags of 20 and 40 ms long before.
     assert found == pytest.approx(expected, rel=0.05)
+
+
+def test_only_the_sticks_are_delayed():
+    model = Airframe(model=TEXT, input_delay=0.007).start(UP)._model
+    np.testing.assert_allclose(model.actuator_delay, [0.007] * 4 + [0.0] * 5)
 
 
 def test_a_stick_without_dynamics_acts_at_once():
@@ -367,6 +374,8 @@ def test_check_says_what_is_kept_and_what_is_not(tmp_path, capsys):
 
 # --- meshes ---------------------------------------------------------------------------------------------------------
 
+BRICK = "".join(f"v {x} {y} {z}\n" for x in (0, 0.02) for y in (0, 0.03) for z in (0, 0.04))
+BRICK += "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
 TETRAHEDRON = "v 0 0 0\nv 0.02 0 0\nv 0 0.02 0\nv 0 0 0.02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
 WITH_MESH = (
     ("<asset>", '<asset><mesh name="hull" file="hull.obj"/><texture name="t" file="x.png" type="2d"/>'),
@@ -385,6 +394,26 @@ def test_mesh_files_become_a_part_of_the_text(tmp_path):
     assert fly(again, log_dir=None).outcome.kind == "completed"
     nose = next(part for part in again.plant.shape() if part.kind == "box" and part.size[0] < 0.03)
     assert nose.size == pytest.approx((0.02, 0.02, 0.02), abs=0.015)
+
+
+def test_a_mesh_is_drawn_as_the_box_around_it(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "hull.obj").write_text(BRICK)
+    (tmp_path / "quad.xml").write_text(changed(*WITH_MESH))
+    (deck, nose) = (part for part in Airframe(model=tmp_path / "quad.xml").shape() if part.kind == "box")
+    assert deck.size == pytest.approx((0.056, 0.040, 0.016))
+    # The engine turns a mesh to its principal axes, the longest first or last.
+    assert sorted(nose.size) == pytest.approx([0.02, 0.03, 0.04])
+    # From the place of the nose, 0.033 0 0.002, half a brick further.
+    assert nose.centre == pytest.approx((0.033 + 0.01, 0.015, 0.002 + 0.02), abs=1e-9)
+
+
+def test_a_packed_mesh_is_whole_base64():
+    packed = '<custom><text name="file:a.stl" data="{}"/></custom><worldbody>'
+    Airframe(model=changed(("<worldbody>", packed.format("QUJD"))))
+    for data in ("QUJ", "QU!JD", "é"):
+        with pytest.raises(ValueError, match=r"holds the mesh file 'a\.stl' in no base64"):
+            Airframe(model=changed(("<worldbody>", packed.format(data))))
 
 
 def test_mesh_files_are_bounded(tmp_path):
@@ -459,6 +488,17 @@ REFUSALS = {
     "bodies": (("</worldbody>", "<body/>" * 101 + "</worldbody>"), "bodies, at most 100"),
     "escape": (("<asset>", MESH.format("&#x9b;31m.stl")), r"\x9b31m.stl"),
 }
+
+
+@pytest.mark.parametrize(
+    ("count", "what", "most"), [("nbody", "bodies", 100), ("ngeom", "geoms", 500), ("nv", "degrees of freedom", 100)]
+)
+def test_a_model_has_at_most_so_many_parts(count, what, most, monkeypatch):
+    many = SimpleNamespace(**dict.fromkeys(("nbody", "ngeom", "nv"), 0) | {count: most + 1})
+    assert [*violations(None, many)] == [f"it has {most + 1} {what}, at most {most} are allowed"]
+    model = Airframe(model=TEXT).drawn().compile()
+    monkeypatch.setattr(contract, {"nv": "MAX_DEGREES"}.get(count) or f"MAX_{what.upper()}", getattr(model, count))
+    assert not [*violations(engine(), model)]
 
 
 @pytest.mark.parametrize("name", REFUSALS)

@@ -7,7 +7,7 @@ from controllers.signals import Array
 from heli_twin.experiment.text import load
 from heli_twin.lab.plant import STILL_AIR, Air, Plant, Truth
 from heli_twin.lab.plant.mujoco import MuJoCo
-from heli_twin.lab.plant.world import World
+from heli_twin.lab.plant.world import PARKED_M, World
 
 LAB = load("lab").plant
 ALL = load(
@@ -108,6 +108,17 @@ def test_motors_of_a_flight_that_is_over_are_off_and_one_that_diverged_disturbs_
     assert world.twins["a"].truth().position[2] < 0.4
     assert farthest(world.twins["b"].truth(), alone.truth()) == 0.0
     assert all(np.isfinite(part).all() for part in world.twins["c"].truth()[1:5])
+
+
+@pytest.mark.parametrize("lost", range(8))
+def test_who_has_lost_any_number_of_its_state_is_taken_out_of_the_room(lost):
+    world = World({"a": BARE, "b": BARE}, {"a": at(0.0), "b": at(1.0)})
+    x = at(0.0)
+    x[lost] = np.nan
+    world.twins["a"].place(x)
+    world.switch_off("a")
+    assert world.twins["a"].truth().position[2] == PARKED_M
+    assert all(np.isfinite(part).all() for part in world.twins["a"].truth()[1:5])
 
 
 def test_what_is_only_looked_at_is_no_part_of_the_world():
