@@ -9,7 +9,7 @@ from heli_twin.calibration.calibrate import Calibrated, calibrate, flights_of
 from heli_twin.calibration.flights import planned
 from heli_twin.calibration.parameters import NAMES, of_experiment, vector
 from heli_twin.calibration.posterior import JOINT_FACTOR
-from heli_twin.calibration.problem import FIXED
+from heli_twin.calibration.unknowns import FIXED
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.text import load
 from heli_twin.lab.disturbances.bias import Bias

@@ -19,9 +19,10 @@ from heli_twin.calibration.data import Flight, flight_of
 from heli_twin.calibration.fit import CONVERGED, Fit, fit
 from heli_twin.calibration.frames import FRAME_GAIN, framed, timed
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, POSITIVE, SPREAD, lab_of, of_experiment, vector
-from heli_twin.calibration.problem import FIXED, Problem
+from heli_twin.calibration.problem import Problem
 from heli_twin.calibration.recording_faults import check_recording
 from heli_twin.calibration.structure import Structure, structure
+from heli_twin.calibration.unknowns import FIXED
 from heli_twin.experiment import Experiment
 from heli_twin.recording import Log
 

@@ -8,8 +8,8 @@ from controllers.signals import Array
 from heli_twin.calibration.data import BIN_STEPS, STEP_S
 from heli_twin.calibration.fit import Fit
 from heli_twin.calibration.parameters import INDEX
-from heli_twin.calibration.problem import LEVER
 from heli_twin.calibration.structure import WORST_CORRELATION, WORST_MEMORY, Structure
+from heli_twin.calibration.unknowns import LEVER
 from heli_twin.errors import HeliTwinError
 from heli_twin.reporting.figure import Curve, Figure, Panel
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from controllers.signals import Array
 from heli_twin.calibration import noise
-from heli_twin.calibration.problem import N_LOG, N_THETA, Problem, columns
+from heli_twin.calibration.problem import Problem
+from heli_twin.calibration.unknowns import N_LOG, N_THETA, columns
 
 
 class Normal(NamedTuple):

@@ -2,8 +2,10 @@
 
     y_w = h(theta, nuisance, x0_w) + e_w,   e_w ~ N(0, C)
 
-The first state x0 of each window is projected out; push, tilt and place of the markers, and a small error of the delay
-belong to each log. Between the steps, the variances in C are estimated by REML.
+The first state x0 of each window is projected out, and so is which of two commands a frame of the radio carries that
+comes within the jitter of the compute time: one in ten, each with the variance of its probability as the prior. Push,
+tilt and place of the markers, and a small error of the delay belong to each log. Between the steps, the variances in C
+are estimated by REML.
 
 Source: Jategaonkar, Flight Vehicle System Identification, 2nd ed. (2015), chapters 4 and 5.
 """
@@ -19,18 +21,8 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.equations import Normal, information, normal, scattered
 from heli_twin.calibration.parameters import INDEX
-from heli_twin.calibration.problem import (
-    BEGIN,
-    BEGIN_SHARE_S,
-    FIXED,
-    LEAST,
-    LOG_SPREAD,
-    N_LOG,
-    N_START,
-    N_THETA,
-    Problem,
-    State,
-)
+from heli_twin.calibration.problem import LEAST, Problem
+from heli_twin.calibration.unknowns import BEGIN, BEGIN_SHARE_S, FIXED, LOG_SPREAD, N_LOG, N_START, N_THETA, State
 
 MAX_ITERATIONS = 14
 MAX_STEP = 1.0

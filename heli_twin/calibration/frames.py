@@ -8,17 +8,8 @@ from heli_twin.calibration import noise
 from heli_twin.calibration.drive import SERVO_PERIOD_S
 from heli_twin.calibration.fit import Fit, fit
 from heli_twin.calibration.parameters import INDEX
-from heli_twin.calibration.problem import (
-    BEGIN,
-    BEGIN_SHARE_S,
-    LOG_SPREAD,
-    N_LOG,
-    N_THETA,
-    PHASE,
-    Later,
-    Problem,
-    State,
-)
+from heli_twin.calibration.problem import Problem
+from heli_twin.calibration.unknowns import BEGIN, BEGIN_SHARE_S, LOG_SPREAD, N_LOG, N_THETA, PHASE, Later, State
 
 PHASES, FRAME_GAIN = 22, 50.0
 """Phases of the frames that are tried, and the least gain in the weighted square that decides for one: twice the log of

@@ -2,8 +2,8 @@
 
 A Kalman filter along each window whitens residuals and their derivatives; its state is what chance adds to the
 prediction. Wind is an Ornstein-Uhlenbeck process on both axes of the room; it moves the helicopter as the twin's
-equations say, linearised along the window. Small white accelerations stand for the timing of single commands. The
-cameras have white noise and a slow error of 5 s.
+equations say, linearised along the window. Small white accelerations stand for lost frames and the timing of servos.
+The cameras have white noise and a slow error of 5 s.
 
     s' = T s + chance,   residual = Z s + white noise
 

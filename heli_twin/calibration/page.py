@@ -11,8 +11,8 @@ from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import EFFECTS, Calibrated
 from heli_twin.calibration.data import BIN_STEPS, BINS, CHANNELS, STEP_S
 from heli_twin.calibration.parameters import NAMES, POSITIVE, SPREAD
-from heli_twin.calibration.problem import FIXED
 from heli_twin.calibration.structure import WORST_CORRELATION, WORST_MEMORY
+from heli_twin.calibration.unknowns import FIXED
 from heli_twin.reporting.figure import Curve, Dots, Figure, Heat, Panel, Table
 from heli_twin.reporting.html_page import Section, html_page, table_section
 from heli_twin.reporting.svg import write_svg

@@ -14,7 +14,8 @@ from heli_twin.calibration.equations import normal
 from heli_twin.calibration.expected import expected_noise
 from heli_twin.calibration.frames import begun
 from heli_twin.calibration.parameters import INDEX, NAMES, PARAMETERS, SPREAD, lab_of, of_experiment, vector
-from heli_twin.calibration.problem import LOG_SPREAD, N_LOG, N_THETA, Problem
+from heli_twin.calibration.problem import Problem
+from heli_twin.calibration.unknowns import LOG_SPREAD, N_LOG, N_THETA
 from heli_twin.experiment import Experiment
 
 

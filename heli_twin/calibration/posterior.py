@@ -11,7 +11,7 @@ from heli_twin.calibration.calibrate import Calibrated
 from heli_twin.calibration.coverage import covered
 from heli_twin.calibration.output import believed_model, point, twin_of
 from heli_twin.calibration.parameters import NAMES, POSITIVE, SPREAD, values
-from heli_twin.calibration.problem import FIXED
+from heli_twin.calibration.unknowns import FIXED
 from heli_twin.experiment.tree import table_of
 
 JOINT_FACTOR = 1.5

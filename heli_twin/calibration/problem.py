@@ -1,7 +1,6 @@
 """The windows of all flights stacked: what a state of the fit predicts, and its derivatives."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,30 +12,21 @@ from heli_twin.calibration.drive import GRID_S, drives_of
 from heli_twin.calibration.markers import by_lever, by_tilt, lever_turned
 from heli_twin.calibration.motion import STRIDE, Lanes, simulate, transitions
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD, Lab
-
-OF_A_LOG = (
-    "push_x",
-    "push_y",
-    "push_z",
-    "marker_roll",
-    "marker_pitch",
-    "marker_yaw",
-    "marker_x",
-    "marker_y",
-    "marker_z",
-    "delay_error",
-    "frame_phase",
-    "servo_phase",
+from heli_twin.calibration.unknowns import (
+    BEGIN,
+    FIXED,
+    LATE,
+    LEVER,
+    N_LOG,
+    N_START,
+    N_THETA,
+    PHASE,
+    PUSH,
+    TILT,
+    Later,
+    State,
 )
-"""Nuisance of each log: m/s^2 in the world; tilt of the marker body, rad; its place in the body, m; s."""
-LOG_SPREAD = np.array([0.3, 0.3, 0.1] + [0.02] * 3 + [0.01] * 3 + [0.0003, 0.006, 0.0006])
-"""Standard deviations of their priors. A flight begins anywhere between two steps of radio and physics; servos begin
-their periods anywhere between two times that are tried."""
-PUSH, TILT, LEVER, LATE, PHASE, BEGIN = slice(0, 3), slice(3, 6), slice(6, 9), 9, 10, 11
-BEGIN_SHARE_S = 0.002
-"""Between two times at which servos are tried to begin their periods. With frames of 22 ms, a command comes to the end
-of a period every 2 ms: between, the poses change in proportion."""
-N_THETA, N_LOG, N_START = len(NAMES), len(OF_A_LOG), 12
+
 STEPS = {
     "delay": 2e-5,
     "hub_drag_per_iyy": 0.1,
@@ -65,43 +55,10 @@ DRIVEN = (
 """Parameters that change what the actuators do."""
 FIRST = {"servo_backlash": 0.02, "servo_slowness": 0.3}
 """Where the fit of these begins: at zero they have no slope."""
-BLIND = 30.0
-"""Standard deviations of the noise by the prior's ones in a first fit, whose residuals are errors of the parameters."""
 LEAST = np.array([0.0 if name in (*FIRST, "drag_z_per_mass") else -np.inf for name in NAMES])
 """Least values. With a drag below zero, which pushes, the height of a window grows out of all bounds."""
-FIXED = 1e-5
-"""Spread of a prior below which a parameter is held."""
-
-
-class State(NamedTuple):
-    """The unknowns of a fit."""
-
-    theta: Array
-    """(n,) parameters; logarithms of positive ones."""
-    nuisance: Array
-    """(logs, N_LOG)."""
-    start: Array
-    """(w, 12)."""
-    eta: Array
-    """(9,) logarithms of `noise.COMPONENTS`."""
-    framed: tuple[float | None, ...]
-    """For each log when one of the radio's frames is sent, to which `frame_phase` is added: its input acts `delay`
-    later, the mean wait for a frame included. None if the wait for a frame is taken as its mean."""
-    servo: tuple[float, ...]
-    """For each log when a period of the servos begins after such an input, s, to which `servo_phase` is added."""
-
-
-class Later(NamedTuple):
-    """Delay, s, of an event at the helicopter against the state that shows it."""
-
-    frames: float = 0.0
-    """Of the radio, which then carry other commands; the servos with them."""
-    servo: float = 0.0
-    """Periods of the servos."""
-    doubt: Doubt | None = None
-    """Frames that carry more of another command."""
-
-
+BLIND = 30.0
+"""Standard deviations of the noise by the prior's ones in a first fit, whose residuals are errors of the parameters."""
 SOON = Later(frames=2e-5), Later(servo=1e-4)
 """Steps of the differences for `frame_phase` and `servo_phase`."""
 LASTING_S = 0.06
@@ -283,8 +240,3 @@ class Problem:
 def _firsts(which: NDArray[np.int64]) -> list[int]:
     """The first variant that uses each drive."""
     return [int(np.argmax(which == drive)) for drive in range(int(which.max()) + 1)]
-
-
-def columns(log: int) -> NDArray[np.int64]:
-    """The places of theta and of a log's nuisance in the vector of all unknowns."""
-    return np.concatenate([np.arange(N_THETA), N_THETA + log * N_LOG + np.arange(N_LOG)])

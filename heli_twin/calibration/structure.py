@@ -16,7 +16,7 @@ from controllers.signals import Array
 from heli_twin.calibration import noise
 from heli_twin.calibration.data import BIN_STEPS, BINS, CHANNELS, STEP_S
 from heli_twin.calibration.fit import Fit
-from heli_twin.calibration.problem import N_START
+from heli_twin.calibration.unknowns import N_START
 
 SKIPPED_BINS = 15
 """Bins after the start of a window, in which its fitted first state hides the residual."""

@@ -19,7 +19,8 @@ from heli_twin.calibration import noise
 from heli_twin.calibration.data import BIN_STEPS, STEP_S, Cut, Flight
 from heli_twin.calibration.fit import Fit, fit
 from heli_twin.calibration.frames import begun
-from heli_twin.calibration.problem import FIXED, N_START, Problem, State
+from heli_twin.calibration.problem import Problem
+from heli_twin.calibration.unknowns import FIXED, N_START, State
 from heli_twin.validation.twins import Twin
 
 BIN_S = BIN_STEPS * STEP_S

@@ -12,8 +12,8 @@ from heli_twin.calibration import noise
 from heli_twin.calibration.calibrate import flights_of
 from heli_twin.calibration.coverage import covered
 from heli_twin.calibration.data import Flight, flight_of
-from heli_twin.calibration.problem import PUSH
 from heli_twin.calibration.structure import Structure, structure
+from heli_twin.calibration.unknowns import PUSH
 from heli_twin.errors import HeliTwinError
 from heli_twin.experiment import Experiment
 from heli_twin.experiment.envelope import Envelope

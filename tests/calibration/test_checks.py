@@ -10,9 +10,9 @@ from controllers.rotations import rotate_to_world
 from heli_twin.calibration.calibrate import flights_of
 from heli_twin.calibration.checks import CalibrationError, check_clock, check_form, remarks
 from heli_twin.calibration.parameters import INDEX, NAMES, Lab, of_experiment, vector
-from heli_twin.calibration.problem import LEVER, N_LOG
 from heli_twin.calibration.recording_faults import check_recording
 from heli_twin.calibration.structure import Structure
+from heli_twin.calibration.unknowns import LEVER, N_LOG
 from heli_twin.experiment.text import load
 from heli_twin.mission import fly
 from heli_twin.reporting.svg import write_svg

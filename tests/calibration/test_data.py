@@ -10,7 +10,8 @@ from heli_twin.calibration.calibrate import CalibrationError, flights_of
 from heli_twin.calibration.data import BIN_STEPS, BINS, STEP_S, WINDOW_STEPS, Doubt, flight_of
 from heli_twin.calibration.drive import GRID_S, SERVO_PERIOD_S, drives_of
 from heli_twin.calibration.parameters import INDEX, NAMES, lab_of, of_experiment, vector
-from heli_twin.calibration.problem import Later, Problem
+from heli_twin.calibration.problem import Problem
+from heli_twin.calibration.unknowns import Later
 from heli_twin.experiment.text import load
 from heli_twin.mission import fly
 

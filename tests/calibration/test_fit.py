@@ -8,7 +8,7 @@ import pytest
 from heli_twin.calibration.calibrate import _is_open
 from heli_twin.calibration.fit import _bounded, _moved, _turns_back
 from heli_twin.calibration.parameters import INDEX, NAMES, SPREAD
-from heli_twin.calibration.problem import BEGIN, BEGIN_SHARE_S, N_LOG, N_START, State
+from heli_twin.calibration.unknowns import BEGIN, BEGIN_SHARE_S, N_LOG, N_START, State
 
 
 def step(*values: float):
