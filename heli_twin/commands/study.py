@@ -8,12 +8,13 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from heli_twin.commands import add_with, command, file_path, load_with, progress_bar, say
-from heli_twin.studies import STUDIES
+from heli_twin.studies import PAGE, STUDIES
 from heli_twin.terminal_text import clean, pasteable
 
 if TYPE_CHECKING:
     from heli_twin.studies.campaign import StudyProgress
     from heli_twin.studies.plan import StudyPlan
+    from heli_twin.studies.report.progress import ProgressPage
     from heli_twin.studies.study import Study
     from heli_twin.workers.engine import Backend
 
@@ -134,6 +135,10 @@ REFLY = "  heli-twin study fly ladder 3f2a91\n"
 
 def run_(parsed: Namespace) -> int:
     """Fly a study; 0 when every flight brought a row back, 1 when some did not or were invalid."""
+    if not parsed.scheduler:
+        from heli_twin.workers.pebble_pool import begin_to_load
+
+        begin_to_load()
     from heli_twin.studies.campaign import run_study
     from heli_twin.studies.errors import StudyError
     from heli_twin.studies.study import load_study
@@ -227,9 +232,8 @@ class Watch:
     """Progress for a person: a bar on a terminal, else a line now and then, and a page that refreshes itself."""
 
     def __init__(self, study: "Study", folder: Path) -> None:
-        from heli_twin.studies.report.progress import ProgressPage
-
-        self._page = ProgressPage(study, folder)
+        self._study, self._folder = study, folder
+        self._page: ProgressPage | None = None
         self._name = clean(study.name, NAME_LIMIT)
         self._bar = progress_bar()
         self._task = self._bar.add_task(self._name, total=None)
@@ -237,8 +241,10 @@ class Watch:
 
     def __call__(self, count: "StudyProgress") -> None:
         """Show how far it is."""
-        self._page(count)
         now = monotonic()
+        if now - self._began > PAGE_AFTER_S:
+            self._page = self._page or self._new_page()
+            self._page(count)
         rate = count.flown / max(now - self._began, 1e-3)
         failed = ", ".join(f"{number} {kind}" for kind, number in sorted(count.failed.items()))
         speed = f" {rate:.1f}/s" if count.flown else ""
@@ -257,9 +263,20 @@ class Watch:
 
     def __exit__(self, *error: object) -> None:
         self._bar.stop()
-        self._page.close("finished" if error[0] is None else "stopped: the same command goes on")
+        # A launch before this one may have left a page.
+        if self._page or (self._folder / PAGE).is_file():
+            page = self._page or self._new_page()
+            page.close("finished" if error[0] is None else "stopped: the same command goes on")
+
+    def _new_page(self) -> "ProgressPage":
+        # Drawing takes as long to import as seven flights of 4 s.
+        from heli_twin.studies.report.progress import ProgressPage
+
+        return ProgressPage(self._study, self._folder, self._began)
 
 
+PAGE_AFTER_S = 30.0
+"""A study that is over sooner needs no page of its progress."""
 PROGRESS_PERIOD_S = 10.0
 """Time between two lines of progress where there is no terminal."""
 NAME_LIMIT = 40

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from heli_twin.studies.errors import StudyError
 
-__all__ = ["STUDIES", "StudyError"]
+__all__ = ["PAGE", "STUDIES", "StudyError"]
 
 STUDIES = Path("logs/studies")
 """The default folder of results, one folder a study."""
+PAGE = "report.html"
+"""The name of the page of a study, of its progress and of its report."""

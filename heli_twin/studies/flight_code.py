@@ -89,11 +89,18 @@ def _meaning(name: str, data: bytes) -> str:
     if not name.endswith(".py"):
         return "\n".join(data.decode().splitlines())
     tree = ast.parse(data)
-    for node in ast.walk(tree):
+    blocks: list[ast.AST] = [tree]
+    while blocks:
+        node = blocks.pop()
         body = getattr(node, "body", None)
         if isinstance(body, list):
             node.body = [line for line in body if not _is_docstring(line)]  # pyright: ignore[reportAttributeAccessIssue]
+        # Statements alone have blocks, not the many expressions in them.
+        blocks += [child for child in ast.iter_child_nodes(node) if isinstance(child, _WITH_BLOCKS)]
     return ast.dump(tree)
+
+
+_WITH_BLOCKS = ast.stmt, ast.excepthandler, ast.match_case
 
 
 def _is_docstring(line: ast.stmt) -> bool:

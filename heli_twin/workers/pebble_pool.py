@@ -92,14 +92,22 @@ class PebblePool:
         self._pool.join()
 
     def _new(self) -> ProcessPool:
-        # A process forked from this one could inherit a lock that another thread holds.
-        methods = multiprocessing.get_all_start_methods()
-        context: Any = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
-        if "forkserver" in methods:
-            context.set_forkserver_preload(PRELOADED_MODULES)
-            with _single_threaded_environment():
-                forkserver.ensure_running()
+        begin_to_load()
+        context: Any = multiprocessing.get_context(_start_method())
         return ProcessPool(self._processes, max_tasks=RUNS_PER_PROCESS, initializer=_begin_worker, context=context)
+
+
+def begin_to_load() -> None:
+    """Let another process load what the workers need, and do not wait for it; a pool finds it where it has begun."""
+    if _start_method() == "forkserver":
+        forkserver.set_forkserver_preload(PRELOADED_MODULES)
+        with _single_threaded_environment():
+            forkserver.ensure_running()
+
+
+def _start_method() -> str:
+    """A process forked from this one could inherit a lock that another thread holds."""
+    return "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 
 
 def cores() -> int:

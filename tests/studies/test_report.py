@@ -5,6 +5,7 @@ from base64 import b64decode
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from time import monotonic
 
 import hooks
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from heli_twin.reporting.figure import Curve, Figure, Panel, edges, power
 from heli_twin.reporting.svg import write_svg
 from heli_twin.studies.campaign import StudyProgress, embedded, run_study
-from heli_twin.studies.report import progress, write_report
+from heli_twin.studies.report import write_report
 from heli_twin.studies.report.effort import _distribution
 from heli_twin.studies.report.progress import ProgressPage
 from heli_twin.studies.results import rows_of
@@ -204,10 +205,12 @@ def test_a_long_path_may_go_on_in_the_next_line(reports):
 # --- while it runs
 
 
-def test_a_running_study_has_a_page_that_refreshes_itself_until_it_stops(reports, tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "FIRST_S", 0.0)
+def test_a_running_study_has_a_page_that_refreshes_itself_until_it_stops(reports, tmp_path):
     shutil.copytree(reports / "map", tmp_path / "map", ignore=shutil.ignore_patterns("report.html"))
-    page, file = ProgressPage(study_of({"name": "map"}), tmp_path / "map"), tmp_path / "map" / "report.html"
+    page, file = (
+        ProgressPage(study_of({"name": "map"}), tmp_path / "map", monotonic()),
+        tmp_path / "map" / "report.html",
+    )
     page(StudyProgress(total=100))
     assert not file.exists(), "nothing has been flown"
     page(StudyProgress(total=100, done=48, flown=48, failed={"crashed": 12}))
@@ -223,10 +226,9 @@ def test_a_running_study_has_a_page_that_refreshes_itself_until_it_stops(reports
     assert "stopped: the same command goes on" in file.read_text()
 
 
-def test_a_page_that_cannot_be_written_costs_nothing_else(tmp_path, monkeypatch):
-    monkeypatch.setattr(progress, "FIRST_S", 0.0)
+def test_a_page_that_cannot_be_written_costs_nothing_else(tmp_path):
     (tmp_path / "report.html").mkdir()
-    page = ProgressPage(study_of({"name": "map"}), tmp_path)
+    page = ProgressPage(study_of({"name": "map"}), tmp_path, monotonic())
     page(StudyProgress(total=100, done=1, flown=1))
     page.close("stopped")
     assert (tmp_path / "report.html").is_dir()

@@ -9,6 +9,7 @@ from heli_twin.reporting import plotly_json
 from heli_twin.reporting.figure import Figure, Table
 from heli_twin.reporting.html_page import Section, html_page, json_block, table_section
 from heli_twin.reporting.svg import write_svg
+from heli_twin.studies import PAGE
 from heli_twin.studies.errors import StudyError
 from heli_twin.studies.report.boundary import boundary
 from heli_twin.studies.report.bounds import bounds
@@ -67,7 +68,7 @@ def write_report(folder: Path, out: Path | None = None) -> Path:
     """
     results = results_of(folder)
     parts = [part for section in SECTIONS for part in _parts(section, results)]
-    page = (out or folder) / "report.html"
+    page = (out or folder) / PAGE
     try:
         _write(page, results, parts)
     except OSError as error:

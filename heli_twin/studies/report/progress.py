@@ -12,6 +12,7 @@ from heli_twin.errors import HeliTwinError
 from heli_twin.reporting.figure import Figure, Table
 from heli_twin.reporting.html_page import Section, html_page, table_section
 from heli_twin.reporting.svg import write_svg
+from heli_twin.studies import PAGE
 from heli_twin.studies.campaign import StudyProgress
 from heli_twin.studies.report.boundary import boundary
 from heli_twin.studies.report.ladder import ladder
@@ -25,8 +26,6 @@ from heli_twin.whole_file import write_whole
 
 REFRESH_S = 10
 """Time after which a browser loads the page again, and the least time between two pages."""
-FIRST_S = 5.0
-"""A study that is over sooner needs no such page."""
 MAX_TIME_SHARE = 0.03
 """Greatest share of the time that pages take: they are made by the process that hands out the flights."""
 SECTIONS: tuple[Callable[[Results], Iterator[Figure | Table]], ...] = (
@@ -42,10 +41,16 @@ SECTIONS: tuple[Callable[[Results], Iterator[Figure | Table]], ...] = (
 class ProgressPage:
     """Writes `report.html` now and then while a study is flown; the whole report takes its place."""
 
-    def __init__(self, study: Study, folder: Path) -> None:
-        self._study, self._folder = study, folder
-        self._began = monotonic()
-        self._next = monotonic() + FIRST_S
+    def __init__(self, study: Study, folder: Path, began: float) -> None:
+        """Begin without a page.
+
+        Args:
+            study: What is flown.
+            folder: Of its results.
+            began: When its flights began, by `time.monotonic`.
+        """
+        self._study, self._folder, self._began = study, folder, began
+        self._next = monotonic()
 
     def __call__(self, progress: StudyProgress) -> None:
         """Write the page if it is due."""
@@ -81,8 +86,6 @@ class ProgressPage:
         return f'<div class="bar"><div style="width:{share:.1f}%"></div></div><p>{said}</p>'
 
 
-PAGE = "report.html"
-"""The name of the page; that of the report too."""
 REFRESH = f'<meta http-equiv="refresh" content="{REFRESH_S}">'
 REFRESHES = f"running: this page refreshes itself every {REFRESH_S} s"
 
