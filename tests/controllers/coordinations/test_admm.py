@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from meeting import MODEL, meet, swap, to
 
+from controllers.coordinations import Ship
 from controllers.coordinations.admm import Admm, _moved_on, apart
 from controllers.trajectories.hover import Hover
 from controllers.trajectories.waypoints import Waypoints
@@ -88,3 +89,10 @@ def test_a_plan_that_moves_on_stands_at_its_end():
     plan = np.stack([np.arange(5.0), -np.arange(5.0)], axis=1)
     for steps, rows in ((0, [0, 1, 2, 3, 4]), (1, [1, 2, 3, 4, 4]), (3, [3, 4, 4, 4, 4]), (9, [4] * 5)):
         np.testing.assert_array_equal(_moved_on(plan, steps), plan[rows])
+
+
+def test_a_message_is_as_long_as_its_numbers_in_single_precision():
+    ships = [Ship(name, wish, MODEL) for name, wish in swap(2).items()]
+    (message,) = Admm(steps=20).planner_of("s0", ships).act(0, None, True)
+    # Twenty planned positions, as many shifts, and what tells them apart.
+    assert message.size == 4 * (40 + 40) + 16
