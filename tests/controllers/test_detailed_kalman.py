@@ -72,3 +72,24 @@ def test_on_the_floor_it_stands_where_it_was_and_looks_where_it_did():
         assert sunk.z[:2].tolist() == [expected, 0.0]
     # Velocity, acceleration and jerk of a gust's tilt are gone, what is believed of the air stays.
     assert (np.count_nonzero(stands.plane == 0.0, axis=1) >= 3).all()
+
+
+def test_a_jump_that_lasts_is_where_it_is_and_counted_until_it_is_believed():
+    """Carried 0.5 m north, 0.3 m up and turned by 0.4 rad: the motion goes on from there."""
+    spec = DetailedKalman()
+    estimator = spec.start(DetailedModel())
+    still = np.array([1.0, 0.0, 0.0, 0.0])
+    for k in range(100):
+        estimator.receive(10 * k * MS, Pose(10 * k * MS, np.array([0.0, 0.0, 1.0 + 1e-6 * (k % 20)]), still))
+    assert estimator.estimate(990 * MS).rejected == 0
+    turned = np.array([np.cos(0.2), 0.0, 0.0, np.sin(0.2)])
+    refused = 0
+    while estimator.estimate(990 * MS).x[0] < 0.25:
+        refused += 1
+        now = (990 + 10 * refused) * MS
+        estimator.receive(now, Pose(now, np.array([0.5, 0.0, 1.3 + 1e-6 * (refused % 20)]), turned))
+        assert refused < 200
+    assert refused == 1 + round(100 * spec.jump_time)
+    x = estimator.estimate(now).x
+    np.testing.assert_allclose(x[:4], [0.5, 0.0, 1.3, 0.4], atol=0.02)
+    assert estimator.estimate(now).rejected == refused

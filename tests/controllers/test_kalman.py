@@ -191,7 +191,8 @@ def broken():
         for value in (np.nan, np.inf):
             yield GOOD._replace(quat_wxyz=np.where(np.arange(4) == i, value, GOOD.quat_wxyz))
     yield GOOD._replace(quat_wxyz=np.zeros(4))
-    yield GOOD._replace(quat_wxyz=3 * GOOD.quat_wxyz)
+    for size in (0.49, 2.01):
+        yield GOOD._replace(quat_wxyz=size * GOOD.quat_wxyz)
     yield GOOD._replace(position=np.full(3, np.nan), quat_wxyz=np.full(4, np.nan))
 
 

@@ -202,6 +202,7 @@ def tangent(centre: Any, side: float, length: float) -> Array:
         ((-0.6, 0.0), 0.0),
         ((2.1, 0.46), 0.0),
         ((1.6, 0.0), 0.0),
+        ((1.54, 0.0), -1.0),
     ],
 )
 def test_it_goes_round_one_that_stands_in_the_way_to_its_goal(centre: Any, side: float):

@@ -8,6 +8,7 @@ from controllers.coordinations import Note, Planner, Ship
 from controllers.coordinations.sequential import Sequential
 from controllers.emergency import STOPS
 from controllers.signals import Array
+from controllers.trajectories.circle import Circle
 from controllers.trajectories.hover import Hover
 
 SPEC = Sequential()
@@ -107,3 +108,15 @@ def test_who_is_in_danger_and_has_room_flies_half_a_metre_away():
     assert three.turn().reason == "in danger"
     rest = three.planners["b"].committed.flat(np.array([9.0])).z[0, :2]
     np.testing.assert_allclose(rest, [0.5, 0.62] + 0.5 * away / np.hypot(*away), atol=0.01)
+
+
+def test_what_is_wished_faster_than_plans_may_fly_by_half_is_planned():
+    """Alone in the room: a circle at 0.95 m/s that needs 1.3 m/s^2, where plans have 0.7 and a wish 1.05."""
+    ships = [Ship("a", Circle(radius=0.7, rate=1.36, ramp=2.0), MODEL)]
+    planner = SPEC.planner_of("a", ships)
+    reasons: set[str] = set()
+    while planner.due < 4_000_000_000:
+        planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)
+        reasons.add(planner.note.reason)
+        assert np.abs(planner.committed.knots[:, 2, :2]).max() <= 1.5 * SPEC.acceleration + 1e-9
+    assert "planned" in reasons

@@ -1,6 +1,7 @@
 """Distances between plans are those of their paths, never more; and how far plans can part is a bound."""
 
 import numpy as np
+import pytest
 
 from controllers.coordinations import CommittedPlan
 from controllers.separation import FINE, bend_of, distances, fine_path, knots_from, reach
@@ -34,6 +35,11 @@ def test_distances_are_lower_bounds_and_near_the_truth():
         truth = np.hypot(*there.T[:2]).min()
         # The bend of the paths on both sides, and 1 mm of the samples.
         assert bound - 1e-9 <= truth <= bound + 2.0 * bend_of(1.0, H) + 1e-3
+
+
+def test_a_path_leaves_a_chord_by_as_much_as_the_acceleration_bends_it():
+    """By a t^2 / 8, of two that accelerate by 0.7 m/s^2 north and west, in opposite directions, within 25 ms."""
+    assert bend_of(0.7, 0.1) == pytest.approx(np.hypot(1.4, 1.4) * 0.025**2 / 8.0)
 
 
 def test_the_nearest_point_is_between_two_samples_or_at_one():
