@@ -83,12 +83,14 @@ def test_a_right_lasts_until_one_has_arrived():
         ({}, True),
         ({"home": np.array([0.151, 0.0])}, True),
         ({"home": np.array([0.149, 0.0])}, False),
+        ({"here": (-0.5, 0.3), "home": np.array([-0.5, 0.4])}, False),
         ({"reason": JOINS}, False),
         ({"reason": f"{UNHEARD} b"}, True),
     ):
         way = asking(10)
         words = {"goal": GOAL, "home": GOAL, "reason": "planned"} | changes
-        way.stands(11, scene(speed=0.5), words["goal"], words["home"], words["reason"])
+        here = words.get("here", (0.0, 0.0))
+        way.stands(11, scene(here, speed=0.5), words["goal"], words["home"], words["reason"])
         assert way.since == (10 if lasts else -1), changes
     way = asking(10)
     for turn in range(11, 40):

@@ -185,6 +185,11 @@ def test_what_cannot_be_executed_is_told(here: Path) -> None:
     assert str(here) not in text
 
 
+def test_of_a_path_in_its_last_words_the_name_of_the_file_is_told(here: Path) -> None:
+    result = flown(*script(here, greeting=f"sys.exit('cannot read {here}/law.py')"))
+    assert "its last words were 'cannot read law.py'" in result.outcome.text
+
+
 @pytest.mark.parametrize(
     ("command", "message"),
     [

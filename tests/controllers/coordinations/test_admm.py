@@ -96,3 +96,10 @@ def test_a_message_is_as_long_as_its_numbers_in_single_precision():
     (message,) = Admm(steps=20).planner_of("s0", ships).act(0, None, True)
     # Twenty planned positions, as many shifts, and what tells them apart.
     assert message.size == 4 * (40 + 40) + 16
+
+
+def test_before_the_first_message_others_are_taken_to_begin_their_wishes():
+    wishes = swap(2)
+    planner = Admm().planner_of("s0", [Ship(name, wish, MODEL) for name, wish in wishes.items()])
+    expected = wishes["s1"].flat(0.1 * np.arange(1, 4)).z[:, :2]
+    np.testing.assert_allclose(planner._others["s1"].x[:3], expected, atol=1e-9)

@@ -73,3 +73,11 @@ def test_plans_climb_at_half_a_metre_a_second_and_turn_at_two_radians_a_second(s
         assert np.abs(knots[:, 1]).max() == pytest.approx(speed, rel=1e-3)
         assert np.abs(knots[:, 2]).max() == pytest.approx(acceleration, rel=1e-3)
         assert not knots[-1, 1:].any(), "it ends at rest"
+
+
+def test_the_weight_of_the_jerk_is_that_of_its_textbook_square():
+    """The acceleration runs straight from knot to knot: of one that rises by 1 m/s^2 and falls in 0.1 s each, 200."""
+    weights = {w_j: PlanQp(4, H, 1, Effort(1.0, 1.0, 0.0, w_j)) for w_j in (0.0, 1.0)}
+    one = np.array([0.0, 1.0, 0.0])
+    jerks = one @ (weights[1.0]._H - weights[0.0]._H) @ one / 2.0
+    assert jerks == pytest.approx(200.0)
