@@ -64,7 +64,7 @@ def _least(a: tuple[Array, Array], b: tuple[Array, Array], axes: int) -> tuple[f
     if not len(start):
         return float(np.linalg.norm(apart[0, :axes])), float(time[0])
     square = np.einsum("ij,ij->i", move, move)
-    share = np.clip(-np.einsum("ij,ij->i", start, move) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    share = np.clip(-np.einsum("ij,ij->i", start, move) / np.maximum(square, 1e-300), 0.0, 1.0)
     distance = np.linalg.norm(start + share[:, None] * move, axis=1)
     i = int(np.argmin(distance))
     return float(distance[i]), float(time[i] + share[i] * (time[i + 1] - time[i]))
@@ -87,13 +87,13 @@ def apart_over_time(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Arr
 
 def flown_paths(logs: Mapping[str, Log]) -> dict[str, tuple[Array, Array]]:
     """Return times (n,), s, and positions (n, 3), m, of each; one whose flight is over stays where it was."""
-    end = max((1e-9 * log.ending.time for log in logs.values()), default=0.0)
+    ends = [1e-9 * log.ending.time for log in logs.values()]
     paths: dict[str, tuple[Array, Array]] = {}
     for name, log in logs.items():
         moved = motion(log)
         time, position = moved.time, moved.state[:, :3]
-        if len(time) and time[-1] < end:
-            time, position = np.append(time, end), np.vstack([position, position[-1:]])
+        if len(time) and time[-1] < max(ends):
+            time, position = np.append(time, max(ends)), np.vstack([position, position[-1:]])
         paths[name] = time, position
     return paths
 

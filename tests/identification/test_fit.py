@@ -63,6 +63,15 @@ def test_a_half_width_is_newey_and_wests():
     assert expected == pytest.approx(1.9897 * np.sqrt(31 / n), rel=0.005)
 
 
+def test_stretches_shorter_than_the_memory_have_all_their_products():
+    """Of 20 and 31 rows; those of one are independent of those of the other."""
+    variance = sum(n + 2.0 * sum((1 - lag / 31) * (n - lag) for lag in range(1, n)) for n in (20, 31))
+    share = 30 / 51
+    critical = 1.96 + 2.9694 * share + 0.416 * share**2 - 0.5324 * share**3
+    expected = critical * np.sqrt(variance) / 51 * np.sqrt(51 / 50)
+    assert half_widths(np.ones((51, 1)), np.ones(51), np.array([20, 51]))[0] == pytest.approx(expected, rel=1e-12)
+
+
 def test_independent_residuals_have_the_textbook_interval():
     rng = np.random.default_rng(0)
     residual = rng.standard_normal(200_000)

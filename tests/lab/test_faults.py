@@ -298,14 +298,26 @@ def acted(spec, ms, u=U):
 def test_a_stuck_servo_stays_where_it_was(axis, index):
     faults, helicopter = Faults([ServoStuck(start=0.1, duration=0.1, axis=axis).hooks(rng())]), plant()
     for ms in range(0, 300, 20):
-        u = U + 0.01 * ms
-        helicopter.advance(ms * MS, np.clip(u, -0.3, 0.3), STILL_AIR)
+        u = U + 0.0005 * ms
+        helicopter.advance(ms * MS, u, STILL_AIR)
         if ms == 100:
             stuck = helicopter.truth().actuators[index]
         expected = u.copy()
         if 100 <= ms < 200:
             expected[index] = stuck
         np.testing.assert_array_equal(faults.input(ms * MS, u, helicopter), expected)
+
+
+def test_a_servo_that_gets_stuck_again_stays_where_it_is_then():
+    fault, helicopter = ServoStuck(start=0.0, duration=0.1, rate=2.0), plant()
+    act, spells = Faults([fault.hooks(rng(3))]), Spells(fault, rng(3))
+    positions: dict[int, float] = {}
+    for ms in range(0, 4000, 20):
+        helicopter.advance(ms * MS, U + 1e-4 * ms, STILL_AIR)
+        began = spells.began(ms * MS)
+        expected = 9.0 if began is None else positions.setdefault(began, helicopter.truth().actuators[0])
+        assert act.input(ms * MS, np.full(4, 9.0), helicopter).tolist() == [expected, 9.0, 9.0, 9.0]
+    assert len(set(positions.values())) > 4
 
 
 def test_a_weak_servo_reaches_a_share():

@@ -16,7 +16,10 @@ from controllers.trajectories.waypoints import Waypoints
 from heli_twin.experiment.several_text import load_several
 from heli_twin.metrics.flat import flat
 from heli_twin.metrics.several import (
+    _stuck,
+    apart_over_time,
     arrival,
+    committed_path,
     flown_paths,
     least_over_time,
     nearest,
@@ -51,9 +54,39 @@ def test_the_least_distance_is_found_between_samples():
     assert nearest({"a": a}) is None
 
 
+def test_slow_ones_and_those_that_stop_are_nearest_where_they_are():
+    # In a second 0.4 m nearer, then past each other; at the end 1 m apart and still approaching; side by side.
+    slow = nearest({"a": line((-0.1, 0, 1), (0.3, 0, 1), 0.0, 1.0), "b": line((0, 0.2, 1), (0, 0.2, 1), 0.0, 1.0)})
+    assert slow is not None
+    assert (slow.distance, slow.time) == pytest.approx((0.2, 0.25))
+    coming = nearest({"a": line((0, 0, 1), (1, 0, 1), 0.0, 1.0), "b": line((2, 0, 1), (2, 0, 1), 0.0, 1.0)})
+    assert coming is not None
+    assert (coming.distance, coming.time) == pytest.approx((1.0, 1.0))
+    beside = nearest({"a": line((0, 0, 1), (1, 0, 1), 0.0, 1.0), "b": line((0, 2, 1), (1, 2, 1), 0.0, 1.0)})
+    assert beside is not None
+    assert (beside.distance, beside.time) == (2.0, 0.0)
+
+
+def test_two_are_compared_whenever_both_were_recorded():
+    a, b = line((0, 0, 1), (1, 0, 1), 0.0, 1.0, 2.0), line((0, 0, 1), (0, 1, 2), 0.5, 1.5, 3.0)
+    time, apart = apart_over_time(a, b)
+    assert time.tolist() == [0.5, 1.0, 1.5, 2.0]
+    assert apart == pytest.approx(time[:, None] * [-1.0, 1.0, 1.0])
+    back, other = apart_over_time(b, a)
+    assert back.tolist() == time.tolist()
+    assert other == pytest.approx(-apart)
+    nothing = apart_over_time((np.zeros(0), np.zeros((0, 3))), b)
+    assert [part.shape for part in nothing] == [(0,), (0, 3)]
+
+
 def test_only_times_that_both_have_count():
     early, late = line((0, 0, 1), (1, 0, 1), 0.0, 0.4), line((0, 0, 1), (1, 0, 1), 0.6, 1.0)
     assert nearest({"a": early, "b": late}) is None
+    # They meet in a single moment.
+    found = nearest({"a": line((0, 0, 1), (1, 0, 1), 0.0, 0.4), "b": line((0, 0, 1), (0, 1, 1), 0.4, 1.0)})
+    assert found is not None
+    assert found.distance == pytest.approx(0.4 * np.sqrt(2.0))
+    assert found.time == 0.4
     never = np.zeros(0), np.zeros((0, 3))
     assert nearest({"a": never, "b": late}) is nearest({"a": late, "b": never}) is None
     time, least = least_over_time(
@@ -128,6 +161,26 @@ def test_who_is_elsewhere_has_not_arrived_and_its_plan_was_stuck(flown: SeveralR
     assert found.stuck == pytest.approx(1.1, abs=0.1)
 
 
+def test_a_plan_is_stuck_while_it_stands_away_from_its_goal():
+    """It stands below 2 cm/s, and is away beyond 15 cm; a wish stands at its beginning."""
+    speed = np.array([0.0, 0.0, 0.5, 0.019, 0.021, 0.019, 0.0, 0.0])
+    away = np.array([9.0, 9.0, 1.0, 1.0, 1.0, 0.149, 0.151, 0.151])
+    nothing = np.zeros_like(speed)
+    planned = SimpleNamespace(
+        time=1_000_000_000 * np.array([0, 1, 3, 6, 10, 15, 21, 28]),
+        velocity=np.column_stack([nothing, speed, nothing]),
+        position=np.column_stack([2.0 + away, nothing, nothing]),
+    )
+    # From 6 to 10 s and from 21 to 28 s.
+    assert _stuck(cast(Log, SimpleNamespace(reference=planned)), np.array([2.0, 0.0, 0.0])) == pytest.approx(11.0)
+
+
+def test_plans_are_compared_fifty_times_a_second(flown: SeveralResult):
+    time, position = committed_path(flown.log.ship("a"), flown.several.fleet()["a"].trajectory)
+    np.testing.assert_allclose(time, 0.02 * np.arange(151))
+    assert position[[0, -1], 0] == pytest.approx([0.0, 0.6])
+
+
 def test_who_begins_at_its_goal_has_arrived_when_it_begins(flown: SeveralResult):
     found = arrival(flown.log.ship("b"), Hover(y=2.0, height=2.5))
     assert (found.arrived, found.time) == (True, 0.0)
@@ -151,8 +204,9 @@ def test_the_row_of_a_room_has_the_largest_of_each_metric(flown: SeveralResult):
 def test_who_has_ended_stays_where_it_was(flown: SeveralResult):
     a, b = (flown.log.ship(name) for name in "ab")
     early = replace(a, messages={**a.messages, "/truth": Messages(*(column[:50] for column in a.messages["/truth"]))})
-    time, position = flown_paths({"a": early, "b": b})["a"]
-    assert len(time) == len(position) == 51
+    ended = cast(Log, Told(early, ending=SimpleNamespace(time=1_000_000_000)))
+    time, position = flown_paths({"a": ended, "b": b})["a"]
+    assert (time.shape, position.shape) == ((51,), (51, 3))
     assert time[-1] == pytest.approx(3.0)
     np.testing.assert_array_equal(position[-1], position[-2])
 
