@@ -151,10 +151,6 @@ EQUIVALENT = {
         "(q * up_y + r * up_z) / level if level else 1.0,",
     ): "read only where the nose points straight up in all digits, where there is no heading",
     (
-        "heli_twin/metrics/several.py",
-        "if len(time) and time[-2] < max(ends):",
-    ): "the last sample twice is the same path",
-    (
         "controllers/reference.py",
         "flat[1, :, :2] = rotate_to_world(x[:, 4:7], yaw)",
     ): "a third component is not read",
@@ -386,10 +382,6 @@ EQUIVALENT = {
         "heli_twin/lab/plant/contract.py",
         "high_up[2] = 150.0",
     ): "as far above the floor",
-    (
-        "heli_twin/metrics/several.py",
-        "if len(time) and time[-1] <= max(ends):",
-    ): "the last sample twice is the same path",
     (
         "heli_twin/metrics/several.py",
         "CYLINDER_HEIGHT_M = 0.44999999999999996",

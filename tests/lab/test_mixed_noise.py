@@ -38,6 +38,15 @@ def test_normal_numbers_are_the_weighted_sum() -> None:
     assert mixed(PAIR)(0, "gust").standard_normal((3, 2)) == pytest.approx(0.6 * one + 0.8 * other)
 
 
+def test_who_asks_for_no_parameters_gets_the_standard_distributions() -> None:
+    def drawn(name: str, *parameters: float) -> np.ndarray:
+        return getattr(mixed(PAIR)(0, "gust"), name)(*parameters, size=5)
+
+    assert drawn("normal").tolist() == drawn("standard_normal").tolist()
+    assert drawn("uniform").tolist() == drawn("random").tolist()
+    assert drawn("exponential").tolist() == drawn("exponential", 1.0).tolist()
+
+
 def test_another_distribution_is_refused_by_name() -> None:
     with pytest.raises(HeliTwinError, match="draws by `poisson`"):
         mixed(PAIR)(0, "gust").poisson(3.0)

@@ -204,6 +204,9 @@ def test_the_row_of_a_room_has_the_largest_of_each_metric(flown: SeveralResult):
 def test_who_has_ended_stays_where_it_was(flown: SeveralResult):
     a, b = (flown.log.ship(name) for name in "ab")
     early = replace(a, messages={**a.messages, "/truth": Messages(*(column[:50] for column in a.messages["/truth"]))})
+    whole, _ = flown_paths({"a": a, "b": b})["a"]
+    assert len(whole) == len(a.truth.time)
+    assert whole[-1] == pytest.approx(3.0)
     ended = cast(Log, Told(early, ending=SimpleNamespace(time=1_000_000_000)))
     time, position = flown_paths({"a": ended, "b": b})["a"]
     assert (time.shape, position.shape) == ((51,), (51, 3))

@@ -125,6 +125,9 @@ def test_what_is_only_looked_at_is_no_part_of_the_world():
     world = World(dict.fromkeys("ab", LAB), {"a": at(0.0), "b": at(1.0)})
     # The floor; of each the skids, canopy, fin, upper disc, and the disc of both rotors.
     assert world._model.ngeom == 1 + 2 * 6
+    # What touches a floor has the bit 1; the disc of both rotors is for others alone.
+    touches = {name: int(world._model.geom(f"a/{name}").contype[0]) for name in ("canopy", "fin", "rotors")}
+    assert touches == {"canopy": 3, "fin": 3, "rotors": 2}
 
 
 def test_who_would_stand_in_the_floor_is_told():
