@@ -294,6 +294,22 @@ EQUIVALENT = {
         "if lag + step[1] <= 0.0:",
     ): "differs only for a lag of 0 in all digits",
     (
+        "heli_twin/metrics/several.py",
+        "goes_on = bool(np.linalg.norm(last.dz[0, :3]) >= STANDING_M_S)",
+    ): "differs only for a speed equal to the limit in all digits",
+    (
+        "heli_twin/lab/plant/world.py",
+        "own = edited(plant, visuals=True)",
+    ): "the room discards what is only looked at",
+    (
+        "heli_twin/lab/plant/world.py",
+        "data.qacc_warmstart[model.jnt_dofadr[i]] = 1.0",
+    ): "any number lets the solver begin",
+    (
+        "heli_twin/lab/plant/world.py",
+        "size=(RADIUS_M, 0.5 * (most - least), 1.0),",
+    ): "a cylinder has two sizes",
+    (
         "heli_twin/identification/fit.py",
         "for lag in range(1, min(lags, end - begin - 1) + 2):",
     ): "the weight of one lag more is 0",
@@ -487,6 +503,7 @@ EQUIVALENT = {
 EQUIVALENT_KINDS = {
     r"[-+] 1\.5\d*e-(06|09|12)\b": "half as much more of what is allowed for rounding",
     r"max(imum)?\([^()]*, 1\.5\d*e-\d+\)": "any small number guards a division by zero",
+    r"\bclean\(.*, \d*1\)": "a message shows one more character of it",
     r"^NEVER_NS = ": "later than every flight",
     r"\bPARKED_M\b": "what is parked out of the way meets nobody there, nor beside it",
     r"^BLOCK(_SAMPLES)? = ": "drawn or computed one more at a time, the numbers are the same",

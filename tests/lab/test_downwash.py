@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from controllers.signals import Array
 from controllers.trajectories.hover import Hover
 from heli_twin.experiment.several import Several
 from heli_twin.experiment.text import load
 from heli_twin.lab.disturbances import downwash
 from heli_twin.lab.disturbances.downwash import Downwash, jet
+from heli_twin.lab.plant import Air
+from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.several.fly import fly_several
 
 HERE = np.zeros(3)
@@ -27,6 +30,31 @@ def test_a_jet_is_that_of_its_source(above: float, speed: float, half: float):
     assert jet(HERE, np.array([[0.0, 0.0, above]])) == pytest.approx(speed)
     assert jet(HERE, np.array([[half, 0.0, above]])) == pytest.approx(0.5 * speed)
     assert jet(HERE, np.array([[0.0, 1.0, above]])) < 0.02 * speed
+
+
+@pytest.mark.usefixtures("_on_the_axis")
+def test_a_jet_begins_over_twenty_centimetres():
+    # 3.6 m^2/s over the distance from a metre above the rotors.
+    assert jet(HERE, np.array([[0.0, 0.0, 0.1]])) == pytest.approx(0.5 * 3.6 / 1.1)
+    assert jet(HERE, np.array([[0.0, 0.0, 0.2]])) == pytest.approx(3.6 / 1.2)
+
+
+@pytest.mark.usefixtures("_on_the_axis")
+def test_the_air_of_a_jet_takes_thrust_and_pushes_down():
+    truth = MuJoCo().start(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])).truth()
+    above = truth.position + np.array([[0.0, 0.0, 0.5]])
+
+    def air(others: Array, **fields: float) -> Air:
+        return Downwash(**fields).start(np.random.default_rng(0)).air(truth, others)
+
+    # 2.4 m/s, half as strong.
+    blown = air(above, strength=0.5)
+    np.testing.assert_allclose(blown.acceleration, [0.0, 0.0, -0.09 * 1.2**2])
+    assert blown.thrust_factor == pytest.approx(1.0 - 0.07 * 1.2)
+    assert not blown.wind.any()
+    assert air(above, strength=10.0).thrust_factor == 0.0
+    calm = air(np.zeros((0, 3)))
+    assert (calm.thrust_factor, *calm.acceleration) == (1.0, 0.0, 0.0, 0.0)
 
 
 def test_only_those_above_blow_and_jets_add_up():

@@ -109,6 +109,7 @@ def flown() -> SeveralResult:
 def test_who_stays_at_its_goal_has_arrived(flown: SeveralResult):
     found = several_metrics(flown.log, wishes_of(flown.several))
     assert (found["arrived"], found["missing"], found["stuck"]) == (2, 0, 0.0)
+    assert (found["outcome"], found["duration"], found["ships"]) == ("completed", pytest.approx(3.0), 2)
     wish = flown.several.fleet()["a"].trajectory
     moved = wish.flat(np.linspace(0.0, 2.0, 2001)).z[:, 0]
     # Within 15 cm of the end; the ideal helicopter follows its plan to some millimetres.
@@ -179,6 +180,20 @@ def test_plans_are_compared_fifty_times_a_second(flown: SeveralResult):
     time, position = committed_path(flown.log.ship("a"), flown.several.fleet()["a"].trajectory)
     np.testing.assert_allclose(time, 0.02 * np.arange(151))
     assert position[[0, -1], 0] == pytest.approx([0.0, 0.6])
+
+
+def test_each_plan_counts_from_its_commitment_on(flown: SeveralResult):
+    plans = [SimpleNamespace(time=500_000_000, plan=None), SimpleNamespace(time=2_000_000_000, plan=Hover(x=5.0))]
+    log = cast(Log, Told(flown.log.ship("b"), committed=plans))
+    time, position = committed_path(log, Hover(x=-1.0))
+    np.testing.assert_allclose(time, 0.5 + 0.02 * np.arange(126))
+    np.testing.assert_array_equal(position[:, 0], np.where(time < 1.999, -1.0, 5.0))
+
+
+def test_who_was_never_seen_has_not_arrived(flown: SeveralResult):
+    a = flown.log.ship("a")
+    unseen = {topic: messages for topic, messages in a.messages.items() if topic not in ("/truth", "/mocap/pose")}
+    assert arrival(replace(a, messages=unseen), Hover()) == (False, None, 0.0)
 
 
 def test_who_begins_at_its_goal_has_arrived_when_it_begins(flown: SeveralResult):

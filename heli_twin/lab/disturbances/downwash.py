@@ -52,8 +52,6 @@ class DownwashInFlight:
     def air(self, truth: Truth, others: Array) -> Air:
         """Return the loss of thrust and the push."""
         spec, speed = self._spec, self._spec.strength * jet(truth.position, others)
-        if not speed > 0.0:
-            return Air(STILL, STILL)
         push = np.array([0.0, 0.0, -spec.push * speed * speed])
         return Air(STILL, push, max(0.0, 1.0 - spec.thrust_loss * speed))
 

@@ -167,7 +167,7 @@ def _trial(mujoco: Any, model: Any, u: Array) -> Moving:
     high_up = np.zeros(8)
     high_up[2] = 100.0
     motion.place(high_up)
-    mujoco.mj_step(model, data, max(1, round(TRIAL_S / model.opt.timestep)))
+    mujoco.mj_step(model, data, round(TRIAL_S / model.opt.timestep))
     return motion.now()
 
 

@@ -21,8 +21,9 @@ from heli_twin.experiment.tree import canonical_json, from_json, toml_of
 from heli_twin.lab.plant import STILL_AIR, Air, contract, physical_state
 from heli_twin.lab.plant.airframe import Airframe, _rpy, shape_of
 from heli_twin.lab.plant.contract import violations
-from heli_twin.lab.plant.mjcf_text import MAX_MESH_BYTES, MAX_TEXT_BYTES, timestep
+from heli_twin.lab.plant.mjcf_text import MAX_MESH_BYTES, MAX_TEXT_BYTES, read_text, timestep
 from heli_twin.lab.plant.mujoco import MuJoCo, engine, model_file
+from heli_twin.lab.plant.shape import Primitive
 
 FOLDER = Path(__file__).parent / "airframes"
 QUADROTOR = FOLDER / "quadrotor.xml"
@@ -124,7 +125,10 @@ def test_a_failed_gyro_damps_no_yaw():
     plant.gyro_works = False
     plant.advance(2 * SECOND, np.array([0, 0, 0.4905, 0.1]), STILL_AIR)
     # With the gyro it would be b_yaw u / 5.7; what is left of b_yaw u t is the medium's.
-    assert plant.truth().yaw_rate > 5.0 * B_YAW * 0.1 / 5.7
+    assert 5.0 * B_YAW * 0.1 / 5.7 < plant.truth().yaw_rate < B_YAW * 0.1 * 2.0
+    plant.gyro_works = True
+    plant.advance(4 * SECOND, np.array([0, 0, 0.4905, 0.1]), STILL_AIR)
+    assert plant.truth().yaw_rate == pytest.approx(B_YAW * 0.1 / 5.9, rel=0.02)
 
 
 def test_it_stands_on_its_feet_and_another_body_that_lies_there_is_not_it():
@@ -299,7 +303,7 @@ def test_it_is_drawn_from_its_geoms():
 def test_a_text_that_does_not_compile_is_drawn_as_a_ball():
     """A log is foreign, and can be looked at all the same."""
     (ball,) = shape_of(Airframe(model="<mujoco/>"))
-    assert (ball.kind, ball.centre) == ("sphere", (0.0, 0.0, 0.0))
+    assert ball == Primitive("sphere", (0.05,), (0.0, 0.0, 0.0), 0xA0A4ABFF)
     assert shape_of(MuJoCo()) == ()
 
 
@@ -517,6 +521,61 @@ def test_it_is_refused_in_one_sentence(name, tmp_path, capsys):
     assert not (tmp_path / "logs").exists()
 
 
+@pytest.mark.parametrize(
+    ("change", "flies"),
+    [
+        # After half a second with 2 % too much thrust it rises by 0.1 m/s.
+        (("0 0 0.4905", "0 0 0.5000"), True),
+        (("0 0 0.4905", "0 0 0.5018"), False),
+        (("0 0 0.4905", "0 0 0.4810"), True),
+        (("0 0 0.4905", "0 0 0.4792"), False),
+        # After half a second with 0.06 of yaw it turns at 0.3 rad/s.
+        (("0.4905 0 0", "0.4905 0.059 0"), True),
+        (("0.4905 0 0", "0.4905 0.063 0"), False),
+    ],
+)
+def test_hovering_is_to_rise_by_less_than_ten_centimetres_and_to_turn_by_less_than_a_third(change, flies):
+    if flies:
+        assert Airframe(model=changed(change)).drawn() is not None
+        return
+    with pytest.raises(ValueError, match="instead of hovering"):
+        Airframe(model=changed(change)).drawn()
+
+
+@pytest.mark.parametrize(("gain", "acts"), [("2.1e-9", True), ("2.1e-12", False)])
+def test_a_stick_that_acts_weakly_acts(gain, acts):
+    # 2.1e-9 N m over 7e-5 kg m^2: at full stick 1.5e-5 rad/s after half a second.
+    weak = Airframe(model=changed(('gainprm="0.0021"', f'gainprm="{gain}"')))
+    if acts:
+        assert weak.drawn() is not None
+        return
+    with pytest.raises(ValueError, match="a positive u_yaw has to move it nose to port, and does nothing"):
+        weak.drawn()
+
+
+@pytest.mark.parametrize(
+    ("step", "told"), [("0.005", ""), ("0.00501", "a timestep"), ("1e-5", ""), ("9e-6", "a timestep")]
+)
+def test_a_physics_step_lasts_ten_microseconds_to_five_milliseconds(step, told):
+    text = changed(('timestep="0.001"', f'timestep="{step}"'))
+    if not told:
+        assert Airframe(model=text).step == float(step)
+        return
+    with pytest.raises(ValueError, match=told):
+        Airframe(model=text)
+
+
+def test_the_limits_of_a_text_may_be_reached(tmp_path):
+    most = MAX_TEXT_BYTES + 2 * MAX_MESH_BYTES
+    assert timestep(f"<mujoco>{' ' * (most - 17)}</mujoco>") == 0.002
+    assert timestep("<mujoco>" + "<body/>" * 4999 + "</mujoco>") == 0.002
+    with pytest.raises(ValueError, match="more than 5000 elements"):
+        timestep("<mujoco>" + "<body/>" * 5000 + "</mujoco>")
+    (tmp_path / "hull.obj").write_text(TETRAHEDRON + "#" * (MAX_MESH_BYTES - len(TETRAHEDRON)))
+    (tmp_path / "quad.xml").write_text(changed(("<asset>", MESH.format("hull.obj"))))
+    assert len(read_text(tmp_path / "quad.xml")) > MAX_MESH_BYTES
+
+
 def test_a_tree_may_be_forty_elements_deep():
     def deep(n: int) -> str:
         return '<mujoco><option timestep="0.004"/>' + "<body>" * (n - 1) + "</body>" * (n - 1) + "</mujoco>"
@@ -588,9 +647,12 @@ def test_a_damaged_model_has_an_outcome_or_is_refused_in_one_sentence(first):
 
 
 def test_a_stick_that_hovers_near_its_upper_limit_is_tried_downwards():
-    weak = changed(('gainprm="1.2"', 'gainprm="0.6"'), ("0.4905", "0.981"))
-    truth = held(np.zeros(4), 0.1, Airframe(model=weak))
-    assert truth.position[2] == pytest.approx(UP[2], abs=1e-6)
+    # Up to the limit itself.
+    for gain, hover in (("0.6", "0.981"), ("0.5886", "1.0")):
+        truth = held(
+            np.zeros(4), 0.1, Airframe(model=changed(('gainprm="1.2"', f'gainprm="{gain}"'), ("0.4905", hover)))
+        )
+        assert truth.position[2] == pytest.approx(UP[2], abs=1e-6)
 
 
 def test_three_violations_are_told_and_the_others_counted(tmp_path):

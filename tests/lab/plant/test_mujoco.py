@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from controllers.model import GRAVITY, Model, advance
 from heli_twin.lab.plant import STILL_AIR, Air, physical_state
-from heli_twin.lab.plant.motion import Gimbal
+from heli_twin.lab.plant.motion import FreeJoint, Gimbal
 from heli_twin.lab.plant.mujoco import MuJoCo, edited, engine, model_file
 from heli_twin.lab.plant.twin import rotated_to_world
 
@@ -281,6 +281,23 @@ def test_the_attitude_may_move_two_radians_a_step_and_no_more():
         MuJoCo(attitude_frequency=1000.0000001, **equal)
 
 
+@pytest.mark.parametrize("length", [0.5, 1.0, 2.0])
+def test_a_free_joint_is_read_whatever_the_length_of_its_quaternion(length):
+    """Between two physics steps the engine keeps it; it is normalised all the same."""
+    pose = np.array([1.0, 2.0, 3.0, length * np.cos(0.2), 0.0, 0.0, length * np.sin(0.2)])
+    data = SimpleNamespace(qpos=pose, qvel=np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
+    joint = FreeJoint(SimpleNamespace(), data, None)
+    joint.place(np.array([0.0] * 8))
+    data.qpos[:] = [1.0, 2.0, 3.0, length * np.cos(0.2), 0.0, 0.0, length * np.sin(0.2)]
+    data.qvel[:] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    now = joint.now()
+    np.testing.assert_allclose(now.quat_wxyz, [np.cos(0.2), 0.0, 0.0, np.sin(0.2)], rtol=1e-12)
+    assert (now.yaw, now.yaw_rate) == pytest.approx((0.4, 0.6))
+    # What has diverged has no attitude, and a heading of 0.
+    data.qpos[3:] = 0.0
+    assert joint.now().quat_wxyz.tolist() == [0.0] * 4
+
+
 @given(st.floats(-3, 3), st.floats(-1.4, 1.4), st.floats(-3, 3))
 def test_a_vector_of_the_body_is_turned_by_yaw_pitch_and_roll(yaw, pitch, roll):
     (cy, cp, cr), (sy, sp, sr) = np.cos([yaw, pitch, roll]), np.sin([yaw, pitch, roll])
@@ -390,6 +407,7 @@ def test_a_moment_acts_as_long_as_it_blows():
     once.advance(120 * MS, HOVER, Air(np.zeros(3), np.zeros(3), moment=np.array([1e-5, 0.0, 0.0])))
     assert not once._data.xfrc_applied.any()
     assert once.truth().angular_velocity[0] > 0.001
+    assert once.feels_moments
 
 
 def test_thrust_factor_scales_thrust():
@@ -438,8 +456,13 @@ def test_a_crash_stays_above_the_floor_and_finite():
 
 
 def test_a_start_in_the_floor_is_refused():
-    with pytest.raises(ValueError, match="in the floor: start higher"):
+    told = r"at a height of 0.02 m the helicopter would stand 0.025 m in the floor: start higher"
+    with pytest.raises(ValueError, match=told):
         NOMINAL.start(at(0.02))
+    # Two millimetres are the give of skids and floor.
+    assert NOMINAL.start(at(0.0431)).truth().touching
+    with pytest.raises(ValueError, match=r"would stand 0\.0021 m in the floor"):
+        NOMINAL.start(at(0.0429))
 
 
 # --- what cannot be flown --------------------------------------------------------------------------------------------
@@ -461,7 +484,11 @@ def test_a_time_between_two_steps_is_told_with_now_and_the_step():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"attitude_frequency": 5000.0}, "take a step of at most"),
+        # Roll is faster, by the root of 3.9 over 2.8: 5901 rad/s.
+        (
+            {"attitude_frequency": 5000.0},
+            r"take a step of at most 0\.00034 s, or a frequency of at most 1695 rad/s",
+        ),
         ({"step": 1 / 3000}, "whole number of nanoseconds"),
         ({"inertia_yy": 9e-5}, "no rigid body"),
     ],

@@ -1,11 +1,14 @@
 """Several helicopters in one MuJoCo world."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from controllers.signals import Array
 from heli_twin.experiment.text import load
 from heli_twin.lab.plant import STILL_AIR, Air, Plant, Truth
+from heli_twin.lab.plant.effects.spool_up import SpoolUp
 from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.lab.plant.world import PARKED_M, World
 
@@ -85,6 +88,18 @@ def test_two_that_meet_push_each_other_as_hard():
     assert of_b == pytest.approx(-of_a, abs=0.01)
 
 
+def test_one_alone_in_a_world_flies_as_without_it():
+    assert differences({"a": BARE}, {"a": at(0.0)}, 0.0, 5) == {"a": 0.0}
+
+
+def test_the_floor_of_all_is_that_of_who_stands_on_it_from_farthest():
+    standing = replace(BARE, effects=(SpoolUp(),))
+    for plants in ({"a": standing, "b": BARE}, {"a": BARE, "b": standing}):
+        world = World(plants, {"a": at(0.0, 0.0, 0.0455), "b": at(1.0, 0.0, 0.0455)})
+        assert world.twins["a"].truth().touching
+        assert world.twins["b"].truth().touching
+
+
 def test_a_rotor_touches_the_tail_of_another_from_behind():
     world = World({"a": BARE, "b": BARE}, {"a": at(0.0, 0.0, 1.0, 0.5), "b": at(0.3)})
     for twin in world.twins.values():
@@ -112,19 +127,29 @@ def test_motors_of_a_flight_that_is_over_are_off_and_one_that_diverged_disturbs_
 
 @pytest.mark.parametrize("lost", range(8))
 def test_who_has_lost_any_number_of_its_state_is_taken_out_of_the_room(lost):
-    world = World({"a": BARE, "b": BARE}, {"a": at(0.0), "b": at(1.0)})
+    world = World({"a": LAB, "b": LAB}, {"a": at(0.0), "b": at(1.0)})
     x = at(0.0)
     x[lost] = np.nan
     world.twins["a"].place(x)
     world.switch_off("a")
-    assert world.twins["a"].truth().position[2] == PARKED_M
-    assert all(np.isfinite(part).all() for part in world.twins["a"].truth()[1:5])
+    parked = world.twins["a"].truth()
+    assert parked.position[2] == PARKED_M
+    # Rotors that run down lift it; then it stays where it is.
+    for until in (2_000_000_000, 2_050_000_000):
+        world.advance(until)
+        before, parked = parked, world.twins["a"].truth()
+    np.testing.assert_allclose(parked.velocity[:2], [0.0, 0.0], atol=1e-9)
+    assert parked.velocity[2] == pytest.approx(before.velocity[2], abs=0.01)
 
 
 def test_what_is_only_looked_at_is_no_part_of_the_world():
     world = World(dict.fromkeys("ab", LAB), {"a": at(0.0), "b": at(1.0)})
     # The floor; of each the skids, canopy, fin, upper disc, and the disc of both rotors.
     assert world._model.ngeom == 1 + 2 * 6
+    # The disc of both, from 27 to 76 mm above the centre of gravity.
+    rotors = world._model.geom("a/rotors")
+    np.testing.assert_allclose(rotors.size[:2], [0.095, 0.0245])
+    np.testing.assert_allclose(rotors.pos, [0.0, 0.0, 0.0515])
     # What touches a floor has the bit 1; the disc of both rotors is for others alone.
     touches = {name: int(world._model.geom(f"a/{name}").contype[0]) for name in ("canopy", "fin", "rotors")}
     assert touches == {"canopy": 3, "fin": 3, "rotors": 2}
