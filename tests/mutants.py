@@ -93,6 +93,7 @@ OTHER_NAMES = {
     "heli_twin/lab/plant/twin.py": [
         "lab/plant/test_mujoco.py",
         "lab/plant/test_world.py",
+        "lab/plant/effects/test_effects.py",
         "lab/plant/test_airframe.py",
     ],
     "heli_twin/lab/plant/__init__.py": ["lab/plant/test_ideal.py", "lab/plant/effects/test_effects.py"],
@@ -297,6 +298,34 @@ EQUIVALENT = {
         "heli_twin/metrics/several.py",
         "goes_on = bool(np.linalg.norm(last.dz[0, :3]) >= STANDING_M_S)",
     ): "differs only for a speed equal to the limit in all digits",
+    (
+        "heli_twin/lab/disturbances/downwash.py",
+        "above = below >= 0.0",
+    ): "at the height of the rotors a jet has not begun",
+    (
+        "heli_twin/lab/disturbances/downwash.py",
+        "below, aside = below[above], (position[:2] - others[above, :2])[:, None] - DISC",
+    ): "the points of the disc lie alike on both sides",
+    (
+        "heli_twin/lab/plant/twin.py",
+        "self._thrust_gain = model.actuator_gainprm[thrust, :4]",
+    ): "a gain has three numbers",
+    (
+        "heli_twin/lab/plant/twin.py",
+        "self._gyro_worked = False",
+    ): "the gyro is told once more that it works",
+    (
+        "heli_twin/lab/plant/twin.py",
+        "self._full_thrust, self._thrust_factor = self._thrust_gain.copy(), 1.5",
+    ): "the first factor is written once more",
+    (
+        "heli_twin/lab/plant/twin.py",
+        "self._own = root[model.geom_bodyid] != root[fuselage]",
+    ): "of two shapes exactly one is a part of it, either way",
+    (
+        "heli_twin/lab/plant/twin.py",
+        "foreign = np.array([i > 1 and not model.body(i).name.startswith(parts.prefix) for i in range(model.nbody)])",
+    ): "the first body is a yaw frame, which has no shape",
     (
         "heli_twin/lab/plant/world.py",
         "own = edited(plant, visuals=True)",

@@ -15,7 +15,7 @@ from heli_twin.lab.plant import Air
 from heli_twin.lab.plant.mujoco import MuJoCo
 from heli_twin.several.fly import fly_several
 
-HERE = np.zeros(3)
+HERE = np.array([0.4, -0.3, 1.2])
 
 
 @pytest.fixture
@@ -27,16 +27,16 @@ def _on_the_axis(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("_on_the_axis")
 @pytest.mark.parametrize(("above", "speed", "half"), [(0.5, 2.4, 0.12), (1.0, 1.8, 0.16)])
 def test_a_jet_is_that_of_its_source(above: float, speed: float, half: float):
-    assert jet(HERE, np.array([[0.0, 0.0, above]])) == pytest.approx(speed)
-    assert jet(HERE, np.array([[half, 0.0, above]])) == pytest.approx(0.5 * speed)
-    assert jet(HERE, np.array([[0.0, 1.0, above]])) < 0.02 * speed
+    assert jet(HERE, HERE + np.array([[0.0, 0.0, above]])) == pytest.approx(speed)
+    assert jet(HERE, HERE + np.array([[half, 0.0, above]])) == pytest.approx(0.5 * speed)
+    assert jet(HERE, HERE + np.array([[0.0, 1.0, above]])) < 0.02 * speed
 
 
 @pytest.mark.usefixtures("_on_the_axis")
 def test_a_jet_begins_over_twenty_centimetres():
     # 3.6 m^2/s over the distance from a metre above the rotors.
-    assert jet(HERE, np.array([[0.0, 0.0, 0.1]])) == pytest.approx(0.5 * 3.6 / 1.1)
-    assert jet(HERE, np.array([[0.0, 0.0, 0.2]])) == pytest.approx(3.6 / 1.2)
+    assert jet(HERE, HERE + np.array([[0.0, 0.0, 0.1]])) == pytest.approx(0.5 * 3.6 / 1.1)
+    assert jet(HERE, HERE + np.array([[0.0, 0.0, 0.2]])) == pytest.approx(3.6 / 1.2)
 
 
 @pytest.mark.usefixtures("_on_the_axis")
@@ -58,20 +58,20 @@ def test_the_air_of_a_jet_takes_thrust_and_pushes_down():
 
 
 def test_only_those_above_blow_and_jets_add_up():
-    above, below = np.array([[0.05, 0.0, 0.5]]), np.array([[0.0, 0.0, -0.5]])
+    above, below = HERE + np.array([[0.05, 0.0, 0.5]]), HERE + np.array([[0.0, 0.0, -0.5]])
     assert jet(HERE, below) == jet(HERE, np.zeros((0, 3))) == 0.0
     assert jet(HERE, np.concatenate([above, below, above])) == pytest.approx(2.0 * jet(HERE, above))
     # Over a disc the jet is weaker than on its axis, and it begins without a jump.
-    assert 1.5 < jet(HERE, np.array([[0.0, 0.0, 0.5]])) < 2.4
-    assert jet(HERE, np.array([[0.0, 0.0, 1e-6]])) < 1e-4
+    assert 1.5 < jet(HERE, HERE + np.array([[0.0, 0.0, 0.5]])) < 2.4
+    assert jet(HERE, HERE + np.array([[0.0, 0.0, 1e-6]])) < 1e-4
 
 
 def test_the_jet_is_averaged_over_the_disc_alike_from_all_sides():
     # In its middle and at six points around it, at half a metre, where it is half as fast 12 cm beside its axis.
     ring = (1.0 + (2.0**0.5 - 1.0) * (0.067 / 0.12) ** 2) ** -2
-    assert jet(HERE, np.array([[0.0, 0.0, 0.5]])) == pytest.approx(2.4 * (1.0 + 6.0 * ring) / 7.0, rel=1e-12)
+    assert jet(HERE, HERE + np.array([[0.0, 0.0, 0.5]])) == pytest.approx(2.4 * (1.0 + 6.0 * ring) / 7.0, rel=1e-12)
     sides = np.radians(60.0) * np.arange(6)
-    around = [jet(HERE, np.array([[0.1 * np.cos(side), 0.1 * np.sin(side), 0.5]])) for side in sides]
+    around = [jet(HERE, HERE + np.array([[0.1 * np.cos(side), 0.1 * np.sin(side), 0.5]])) for side in sides]
     assert around == pytest.approx([around[0]] * 6, rel=1e-12)
 
 
