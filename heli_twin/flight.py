@@ -203,8 +203,10 @@ class Flight:
 
     def control(self, t: int) -> Command:
         """Run one step of the ground station: feed it the poses that have arrived and return its command."""
-        arrived = sorted([a for a in self.poses_under_way if a.at <= t], key=itemgetter(0))
-        self.poses_under_way = [a for a in self.poses_under_way if a.at > t]
+        arrived = [a for a in self.poses_under_way if a.at <= t]
+        if arrived:
+            self.poses_under_way = [a for a in self.poses_under_way if a.at > t]
+            arrived.sort(key=_AT)
         for at, pose in arrived:
             self.recorder.pose(at, pose)
             self.estimator.receive(at, pose)
@@ -319,6 +321,7 @@ def verdict(t: int, truth: Truth, planned_height: float, volume: Volume) -> Outc
     return None
 
 
+_AT = itemgetter(0)
 TIPPED_COS = cos(radians(45.0))
 """Cosine of the tilt at which a flight is over: full stick tilts by 12 degrees; on its side it lies at 56 degrees."""
 HARD_LANDING_M_S = 1.0

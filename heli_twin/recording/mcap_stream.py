@@ -68,7 +68,7 @@ class McapStream:
         self._head = b""
         """Schemas and channels that the next chunk begins with."""
         self._records: list[bytes] = []
-        """The chunk in progress: head and data of each message."""
+        """The chunk in progress: heads and data of its messages."""
         self._index: defaultdict[int, list[int]] = defaultdict(list)
         """By channel: log time and offset behind `_head` of each message, alternating."""
         self._size = 0
@@ -90,13 +90,13 @@ class McapStream:
         """Add a message, logged and published at `time` (ns)."""
         self.messages([(channel, time, data)])
 
-    def messages(self, batch: Iterable[tuple[int, int, bytes]]) -> list[bytes]:
+    def messages(self, batch: Iterable[tuple[int, int, bytes]]) -> bytes:
         """Add messages: channel, time at which they are logged and published (ns), data.
 
         Returns:
-            Head and data of each message, alternating.
+            Heads and data of all of them.
         """
-        pack, written, first = _MESSAGE.pack, list[bytes](), 0
+        pack, written, whole = _MESSAGE.pack, list[bytes](), b""
         index, size, room = self._index, self._size, self._chunk_size - len(self._head)
         for channel, time, data in batch:
             length = _MESSAGE.size + len(data)
@@ -106,12 +106,15 @@ class McapStream:
             entry.append(size)
             size += length
             if size > room:
-                self._records += written[first:]
+                self._records.append(b"".join(written))
+                whole += self._records[-1]
                 self._end_chunk()
-                first, index, size, room = len(written), self._index, 0, self._chunk_size
-        self._records += written[first:]
+                written, index, size, room = [], self._index, 0, self._chunk_size
+        if written:
+            self._records.append(b"".join(written))
+            whole += self._records[-1]
         self._size = size
-        return written
+        return whole
 
     def metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write key-value text."""
@@ -166,8 +169,8 @@ class McapStream:
             return
         head, records = len(self._head), b"".join([self._head, *self._records])
         packed = self._compressor.compress(records)
-        times = [time for entry in self._index.values() for time in entry[::2]]
-        start, end = min(times), max(times)
+        times = [entry[::2] for entry in self._index.values()]
+        start, end = min(map(min, times)), max(map(max, times))
         # The library would copy the packed data three times.
         chunk_length = _CHUNK.size + len(packed)
         length, crc = chunk_length - _OPCODE_AND_LENGTH, zlib.crc32(records)

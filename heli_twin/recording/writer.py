@@ -166,7 +166,7 @@ class LogWriter:
         for listener in self.listeners:
             for message in messages:
                 listener(*message)
-        return b"".join(written)
+        return written
 
 
 class Recorder(LogWriter, Wires):
