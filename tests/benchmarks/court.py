@@ -4,8 +4,9 @@ Every row is a processor time. Its `share` is that time over the bare floor of t
 ProxQP solves of one flight of `FLIGHT_S` alone. Shares, not times, are compared with those of the last release.
 
 The floor is the engines at their best: MuJoCo without its clock, as flights use it, and ProxQP with all control
-problems of the flight. Two rows tell how it would be otherwise: MuJoCo as its wheel comes, with the clock; and ProxQP
-with those problems alone that a flight asks it, since one linear equation gives the others.
+problems of the flight. Two rows tell the ratio in a process that does nothing else, over that floor and over MuJoCo as
+its wheel comes, with the clock; one row tells ProxQP with those problems alone that a flight asks it, since one linear
+equation gives the others.
 """
 
 import json
@@ -17,14 +18,12 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from time import perf_counter_ns, process_time
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
-import daqp
 import numpy as np
-import osqp
-from scipy import sparse
 from threadpoolctl import threadpool_limits
 
 from controllers.condensed_qp import CondensedQp
@@ -65,7 +64,6 @@ QPS = {
 
 
 STEPS, SOLVES, FLIGHT = "MuJoCo steps alone", "ProxQP solves alone", "flight, MPC, logged"
-STEPS_WITH_CLOCK = "MuJoCo steps with its clock"
 
 
 class Row(NamedTuple):
@@ -145,6 +143,8 @@ def by_proxqp(qps: Sequence[CondensedQp]) -> Callable[[], None]:
 
 def by_daqp(qps: Sequence[CondensedQp]) -> Callable[[], None]:
     """Solve with DAQP, an active-set method; its set-up is in every solve."""
+    import daqp
+
     sense = np.zeros(2 * len(qps[0].g), dtype=np.int32)
 
     def solve(qp: CondensedQp) -> None:
@@ -156,6 +156,9 @@ def by_daqp(qps: Sequence[CondensedQp]) -> Callable[[], None]:
 
 def by_osqp(qps: Sequence[CondensedQp]) -> Callable[[], None]:
     """Solve with OSQP, warm-started, to the absolute tolerance of the flight's solver."""
+    import osqp
+    from scipy import sparse
+
     n, first = len(qps[0].g), qps[0]
     columns, eye = np.tril_indices(n), np.eye(n)
     upper, full = sparse.triu(np.ones((n, n)), format="csc"), sparse.csc_matrix(np.ones((2 * n, n)))
@@ -195,21 +198,50 @@ def mujoco_alone(e: Experiment) -> Callable[[], None]:
     return steps
 
 
-def mujoco_with_clock() -> float:
-    """Processor time of the same steps by MuJoCo as its wheel comes, in a process of its own, s."""
-    done = subprocess.run([sys.executable, "-c", WITH_CLOCK], cwd=ROOT, check=True, capture_output=True, text=True)
-    return float(done.stdout)
+def lean() -> list[Row]:
+    """The flight over both floors, in a process that has loaded and done nothing else, as a command has not."""
+    done = subprocess.run([sys.executable, "-c", LEAN], cwd=ROOT, check=True, capture_output=True, text=True)
+    return [Row(*row) for row in json.loads(done.stdout)]
 
 
-WITH_CLOCK = """
-import ctypes, mujoco
+LEAN = """
+import ctypes, json, mujoco
 clock = ctypes.c_void_p.in_dll(ctypes.CDLL(mujoco._functions.__file__), "mjcb_time")
 its_own = clock.value
 from tests.benchmarks import court
-steps = court.mujoco_alone(court.experiment(court.FLIGHTS["MPC"]))
-clock.value = its_own
-print(court.cpu(steps))
+print(json.dumps(court.turns(lambda on: setattr(clock, "value", its_own if on else None))))
 """
+
+
+def turns(switch: Callable[[bool], None]) -> list[Row]:
+    """Measure floor, flight and floor again in turns; `switch` gives MuJoCo its clock or takes it away."""
+    mpc = experiment(FLIGHTS["MPC"])
+    qps, times = qps_of(mpc), defaultdict[str, list[float]](list)
+
+    def steps(*, clock: bool) -> float:
+        alone = mujoco_alone(mpc)
+        switch(clock)
+        try:
+            return cpu(alone)
+        finally:
+            switch(False)
+
+    def solves() -> float:
+        return sum(cpu(by_proxqp(part)) for part in qps)
+
+    with threadpool_limits(limits=1), TemporaryDirectory() as folder:
+        for _ in range(ROUNDS):
+            before = steps(clock=True), steps(clock=False), solves()
+            flown = cpu(partial(fly, mpc, log_dir=folder))
+            after = steps(clock=True), steps(clock=False), solves()
+            shipped, bare, solved = (0.5 * (one + other) for one, other in zip(before, after, strict=True))
+            times["as they come"].append(flown / (shipped + solved))
+            times["without clock"].append(flown / (bare + solved))
+            times["flight"].append(flown)
+    return [
+        Row(f"lean process, over engines {name}", median(times["flight"]), median(times[name]))
+        for name in ("as they come", "without clock")
+    ]
 
 
 class Mute(Recorder):
@@ -271,7 +303,6 @@ def measure(folder: Path, progress: Callable[[str], None] = lambda name: None) -
     work[SOLVES] = lambda: sum(cpu(by_proxqp(part)) for part in qps["flown"])
     work[FLIGHT] = partial(cpu, partial(fly, mpc, log_dir=folder))
     asked = asked_qps_of(mpc)
-    work[STEPS_WITH_CLOCK] = mujoco_with_clock
     work["ProxQP solves that are asked for"] = lambda: sum(cpu(by_proxqp(part)) for part in asked)
     for name, e in flights.items():
         work[f"flight, {name}, logged"] = partial(cpu, partial(fly, e, log_dir=folder))
@@ -297,9 +328,7 @@ def measure(folder: Path, progress: Callable[[str], None] = lambda name: None) -
                 times[name].append(once())
     floors = [steps + solves for steps, solves in zip(times[STEPS], times[SOLVES], strict=True)]
     rows = [Row(name, median(found), _share(found, floors)) for name, found in times.items()]
-    shipped = [steps + solves for steps, solves in zip(times[STEPS_WITH_CLOCK], times[SOLVES], strict=True)]
-    rows.append(Row("the same over engines as they come", median(times[FLIGHT]), _share(times[FLIGHT], shipped)))
-    return rows, parts_of(mpc)
+    return [*lean(), *rows], parts_of(mpc)
 
 
 def _share(times: Sequence[float], floors: Sequence[float]) -> float:
@@ -316,14 +345,14 @@ def control_step(folder: Path) -> tuple[float, float]:
 def table(rows: Sequence[Row], parts: dict[str, float], step: tuple[float, float]) -> str:
     """The table for a person, with the shares of the last release beside those of today."""
     before = json.loads(RELEASE.read_text())["shares"] if RELEASE.is_file() else {}
-    lines = [f"{'':<36} {'ms':>9} {'over floor':>11} {'release':>9} {'change':>8}"]
+    lines = [f"{'':<44} {'ms':>9} {'over floor':>11} {'release':>9} {'change':>8}"]
     for name, seconds, share in rows:
         then = before.get(name)
         change = f"{then:9.2f} {100 * (share / then - 1):+7.0f} %" if then else ""
         mark = "  slower" if then and share > SLOWER * then else ""
-        lines.append(f"{name:<36} {1e3 * seconds:9.1f} {share:11.2f} {change}{mark}")
-    lines.append(f"{'control step in flight, wall':<36} {1e3 * step[0]:9.3f}")
-    lines.append(f"{'of it ProxQP':<36} {1e3 * step[1]:9.3f}  the step is {step[0] / step[1]:.1f} times its solves")
+        lines.append(f"{name:<44} {1e3 * seconds:9.1f} {share:11.2f} {change}{mark}")
+    lines.append(f"{'control step in flight, wall':<44} {1e3 * step[0]:9.3f}")
+    lines.append(f"{'of it ProxQP':<44} {1e3 * step[1]:9.3f}  the step is {step[0] / step[1]:.1f} times its solves")
     lines.append("shares of a flight: " + ", ".join(f"{label} {100 * share:.0f} %" for label, share in parts.items()))
     return "\n".join(lines)
 
