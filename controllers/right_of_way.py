@@ -18,8 +18,8 @@ NO_PROGRESS, PROGRESS_M = 5, 0.2
 """Who has not come nearer by so much in this multiple of its patience asks too: it goes to and fro."""
 RIGHT_RAD = 0.7
 """Angle, rad, by which a helicopter whose way ahead is blocked turns right; with 1.2 rad some circled for ever."""
-AHEAD_M, AHEAD_SHARE = 1.0, 0.5
-"""Who comes ahead by less than this share of this length, or of the rest of its way, has no way ahead."""
+AHEAD_M = 1.0
+"""Whose plan comes ahead by less than a share of this length, or of the rest of its way, has no way ahead."""
 UNHEARD = "no current plan of"
 """Beginning of the reason in the note of a turn in which news of another were missing."""
 LAST = (1 << 62, "")
@@ -64,6 +64,8 @@ class Manners(NamedTuple):
     """Who is nearer than the distance and this, steps aside, m."""
     half_width: float
     """Nobody steps aside further than this from the middle of the room, m."""
+    ahead: float
+    """Whose plan leads on less than this share of `AHEAD_M`, or of the rest of its way, turns right."""
 
 
 class Yield(NamedTuple):
@@ -191,7 +193,7 @@ class RightOfWay:
             return self._round(scene.here, length, *first)
         self._goes_round = None
         ahead = float((scene.old[-1, 0, :2] - scene.here) @ way) / length
-        if asks or ahead >= AHEAD_SHARE * min(length, AHEAD_M):
+        if asks or ahead >= self._manners.ahead * min(length, AHEAD_M):
             return goal
         # Those that move leave no way ahead: all go round each other.
         c, s = np.cos(RIGHT_RAD), np.sin(RIGHT_RAD)

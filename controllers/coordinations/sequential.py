@@ -47,10 +47,6 @@ from controllers.wish_plan import WishPlan
 
 ALLOWANCE = 1.5
 """The wish may need this multiple of the limits on plans: it is flown as it is where it is clear."""
-STOP = 1.4
-"""Who cannot go on stops at this multiple of the acceleration of plans: harder stops no model tells."""
-HASTE = 2.0
-"""Who is in danger may need this multiple of the acceleration of plans."""
 PUSHES = (0.5, 0.15, 0.0)
 """Shares of the acceleration of plans at which to move away from one that cannot go on, tried in this order."""
 AWAY_M = 0.5
@@ -68,17 +64,26 @@ class Sequential:
     """
 
     kind: Literal["sequential"] = "sequential"
-    distance: Annotated[float, Gt(0), Le(10), Unit("m"), doc("promised between any two plans, in the plane")] = 0.45
+    distance: Annotated[float, Gt(0), Le(10), Unit("m"), doc("promised between any two plans, in the plane")] = 0.4
     period: Annotated[float, Ge(0.02), Le(1), Unit("s"), doc("between two turns of a helicopter")] = 0.1
     hearing: Annotated[
         float, Ge(0), Le(10), Unit("s"), doc("least time between two turns, for messages to arrive; it can slow turns")
     ] = 0.002
     steps: Annotated[int, Ge(12), Le(60), doc("periods that a plan is long")] = 20
     speed: Annotated[float, Gt(0), Le(3), Unit("m/s"), doc("limit of plans, north and west")] = 1.0
-    acceleration: Annotated[float, Gt(0), Le(2), Unit("m/s^2"), doc("limit of plans, north and west")] = 0.7
+    acceleration: Annotated[float, Gt(0), Le(2), Unit("m/s^2"), doc("limit of plans, north and west")] = 1.0
+    haste: Annotated[
+        float, Ge(1), Le(3), Unit("1"), doc("multiple of this acceleration that one in danger may need")
+    ] = 1.4
+    stop: Annotated[
+        float, Ge(0.5), Le(3), Unit("1"), doc("multiple of this acceleration at which one stops that cannot go on")
+    ] = 1.0
     turn: Annotated[float, Ge(0), Le(1), Unit("rad"), doc("how far half-spaces are turned, so that all pass right")] = (
-        0.35
+        0.2
     )
+    ahead: Annotated[
+        float, Ge(0), Le(1), Unit("1"), doc("whose plan leads on less than this share of its next metre turns right")
+    ] = 0.25
     patience: Annotated[float, Gt(0), Le(60), Unit("s"), doc("standing this long, others are asked to step aside")] = (
         0.4
     )
@@ -116,10 +121,12 @@ class SequentialPlanner:
         self._turns = Turns(max(self._step, nanoseconds(spec.hearing) * len(ships)), self._step, len(ships))
         self._bend = bend_of(ALLOWANCE * spec.acceleration, spec.period)
         self._plane = PlanQp(spec.steps, spec.period, 2, Effort(spec.speed, spec.acceleration))
-        self._escape = PlanQp(spec.steps, spec.period, 2, Effort(spec.speed, HASTE * spec.acceleration, 0.002, 0.0))
+        self._escape = PlanQp(
+            spec.steps, spec.period, 2, Effort(spec.speed, spec.haste * spec.acceleration, 0.002, 0.0)
+        )
         self._height = PlanQp(spec.steps, spec.period, 1, Effort(0.5, 1.0))
         self._heading = PlanQp(spec.steps, spec.period, 1, Effort(2.0, 6.0))
-        manners = Manners(spec.period, spec.patience, spec.distance, spec.aside, spec.half_width)
+        manners = Manners(spec.period, spec.patience, spec.distance, spec.aside, spec.half_width, spec.ahead)
         self._way = RightOfWay(ship, manners)
         wishes = {each.name: WishPlan(each.wish, spec.period, spec.steps) for each in ships}
         self._own = wishes[ship]
@@ -177,7 +184,7 @@ class SequentialPlanner:
             if told.turn < newest:
                 unheard.append(name)
                 parts, rests = (self._turns.departs(index, turn) for turn in (told.turn + 1, newest))
-                wide[j] += reach(ends - h * parts, h * (rests + L - parts), HASTE * spec.acceleration)
+                wide[j] += reach(ends - h * parts, h * (rests + L - parts), spec.haste * spec.acceleration)
         return Scene(g, h, self._bend, old, names, knots[:, :, 0], paths, wide, in_danger, pressed, push, unheard)
 
     def _fly(self, told: Told) -> Told:
@@ -216,13 +223,13 @@ class SequentialPlanner:
             self.note = Note("kept", STOPS)
             return
         allowed = np.where(scene.in_danger, np.minimum(scene.room(scene.old), 0.0), 0.0)
-        straight = np.concatenate([scene.old[:1], self._own.stop(scene.old[1], STOP * spec.acceleration)[:-1]])
+        straight = np.concatenate([scene.old[:1], self._own.stop(scene.old[1], spec.stop * spec.acceleration)[:-1]])
         old, target = scene.old[1 : spec.steps + 2], np.tile(straight[-1, 0, :2], (spec.steps, 1))
         self.note = Note("kept", "no room to stop")
         for near in (None, scene.room(scene.old) < NEAR_M, np.ones(len(scene.names), bool)):
             knots, iterations = straight, 0
             if near is not None:
-                sides = scene.half_spaces(near, 0.0, spec.steps, HASTE * spec.acceleration)
+                sides = scene.half_spaces(near, 0.0, spec.steps, spec.haste * spec.acceleration)
                 plane, iterations = self._escape(old[:, :, :2], target, sides), self._escape.iterations
                 if plane is None:
                     continue
@@ -276,7 +283,7 @@ class SequentialPlanner:
     def _planned(self, scene: Scene, target: Array, near: Mask) -> tuple[Array | None, int]:
         """Solve the QPs of a plan behind half-spaces against those that are near."""
         spec, old = self._spec, scene.old[1 : self._spec.steps + 2]
-        sides = scene.half_spaces(near, spec.turn, spec.steps, HASTE * spec.acceleration)
+        sides = scene.half_spaces(near, spec.turn, spec.steps, spec.haste * spec.acceleration)
         plane, iterations = self._plane(old[:, :, :2], target[:, :2], sides), self._plane.iterations
         if plane is None:
             return None, iterations
@@ -301,9 +308,11 @@ class SequentialPlanner:
         target = np.tile(scene.here + AWAY_M * away / max(float(np.hypot(*away)), 1e-6), (spec.steps, 1))
         near, iterations = scene.room(scene.old) < NEAR_M + AWAY_M, 0
         best, most = None, scene.room(scene.old)[danger].min()
-        candidates = [np.concatenate([scene.old[:1], self._own.stop(scene.old[1], HASTE * spec.acceleration)[:-1]])]
+        candidates = [
+            np.concatenate([scene.old[:1], self._own.stop(scene.old[1], spec.haste * spec.acceleration)[:-1]])
+        ]
         for each in (near, near & ~danger):
-            sides = scene.half_spaces(each, spec.turn, spec.steps, 0.8 * HASTE * spec.acceleration)
+            sides = scene.half_spaces(each, spec.turn, spec.steps, 0.8 * spec.haste * spec.acceleration)
             plane = self._escape(old[:, :, :2], target, sides)
             iterations += self._escape.iterations
             if plane is not None:

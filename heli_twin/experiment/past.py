@@ -39,6 +39,7 @@ class Past(NamedTuple):
 
 
 _KALMAN = "controllers.estimators.kalman.Kalman"
+_SEQUENTIAL = "controllers.coordinations.sequential.Sequential"
 _SAFETY = "controllers.supervisors.safety.Safety"
 PAST: dict[str, Past] = {
     "heli_twin.lab.plant.mujoco.MuJoCo.effects": Past(5, {}),
@@ -61,6 +62,12 @@ PAST: dict[str, Past] = {
     "heli_twin.experiment.Experiment.supervisor": Past(5, {"kind": "off"}),
     "heli_twin.experiment.several.Several.transmitters": Past(7, "each"),
     "heli_twin.experiment.several.Several.world": Past(7, "apart"),
+    f"{_SEQUENTIAL}.distance": Past(8, 0.45, is_new=False),
+    f"{_SEQUENTIAL}.acceleration": Past(8, 0.7, is_new=False),
+    f"{_SEQUENTIAL}.turn": Past(8, 0.35, is_new=False),
+    f"{_SEQUENTIAL}.haste": Past(8, 2.0),
+    f"{_SEQUENTIAL}.stop": Past(8, 1.4),
+    f"{_SEQUENTIAL}.ahead": Past(8, 0.5),
     "heli_twin.experiment.Experiment.excitation": Past(5, {"kind": "off"}),
     f"{_SAFETY}.level_after": Past(5, 0.5, is_new=False),
     f"{_SAFETY}.heave_damping": Past(5, 0.0),

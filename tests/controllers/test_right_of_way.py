@@ -13,7 +13,7 @@ from controllers.signals import Array
 from controllers.wish_plan import JOINS
 
 KNOTS = 6
-MANNERS = Manners(period=0.1, patience=0.4, distance=0.45, aside=0.25, half_width=2.0)
+MANNERS = Manners(period=0.1, patience=0.4, distance=0.45, aside=0.25, half_width=2.0, ahead=0.5)
 GOAL = np.array([2.0, 0.0])
 
 

@@ -16,7 +16,7 @@ BLOWN_AWAY = np.array([0.35, 0.2, 1.0, 0.0, 0.4, 0.2, 0.0, 0.0])
 """State of one that is no longer on its plan: position, yaw, velocity."""
 
 
-def test_who_can_stop_straight_ahead_does_so_at_one_and_four_tenths_of_the_acceleration_of_plans():
+def test_who_can_stop_straight_ahead_does_so_at_its_share_of_the_acceleration_of_plans():
     """In the mean; a quintic needs 1.5 times as much where it is hardest."""
     ships = [Ship(name, wish, MODEL) for name, wish in {"a": to((-3.0, 0.0), (3.0, 0.0)), "b": Hover(y=9.0)}.items()]
     planner = SPEC.planner_of("a", ships)
@@ -36,7 +36,7 @@ def test_who_can_stop_straight_ahead_does_so_at_one_and_four_tenths_of_the_accel
     rest = planner.committed.flat(np.array([9.0])).z[0, 0]
     x = planner.committed.flat(np.array([2.1])).z[0, 0]
     assert x - state.z[0, 0] == pytest.approx(0.1 * v, abs=0.01)
-    assert rest - x == pytest.approx(0.5 * v * v / (1.4 * SPEC.acceleration), abs=1e-9)
+    assert rest - x == pytest.approx(0.5 * v * v / (SPEC.stop * SPEC.acceleration), abs=1e-9)
 
 
 def test_who_cannot_stop_straight_ahead_stops_round_the_other():
