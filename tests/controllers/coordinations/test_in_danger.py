@@ -111,8 +111,8 @@ def test_who_is_in_danger_and_has_room_flies_half_a_metre_away():
 
 
 def test_what_is_wished_faster_than_plans_may_fly_by_half_is_planned():
-    """Alone in the room: a circle at 0.95 m/s that needs 1.3 m/s^2, where plans have 0.7 and a wish 1.05."""
-    ships = [Ship("a", Circle(radius=0.7, rate=1.36, ramp=2.0), MODEL)]
+    """Alone in the room: a circle at 1.1 m/s that needs 1.9 m/s^2, where plans have 1 and a wish 1.5."""
+    ships = [Ship("a", Circle(radius=0.66, rate=1.7, ramp=2.0), MODEL)]
     planner = SPEC.planner_of("a", ships)
     reasons: set[str] = set()
     while planner.due < 4_000_000_000:
