@@ -327,6 +327,22 @@ EQUIVALENT = {
         "foreign = np.array([i > 1 and not model.body(i).name.startswith(parts.prefix) for i in range(model.nbody)])",
     ): "the first body is a yaw frame, which has no shape",
     (
+        "heli_twin/lab/plant/twin.py",
+        "deepest = min((float(data.contact.dist[i]) for i in self._touching()), default=1.0)",
+    ): "nothing touches either way",
+    (
+        "heli_twin/lab/plant/twin.py",
+        "if deepest <= -0.002:",
+    ): "differs only for a depth equal to the limit in all digits",
+    (
+        "heli_twin/identification/fit.py",
+        "delay, lag = float(min(np.arange(0.0, MAX_DELAY_S, 0.03), key=misfit)), 0.02",
+    ): "the search begins there and ends elsewhere",
+    (
+        "heli_twin/identification/fit.py",
+        "if abs(step).max() <= 1e-6:",
+    ): "differs only for a step equal to the limit in all digits",
+    (
         "heli_twin/lab/plant/world.py",
         "own = edited(plant, visuals=True)",
     ): "the room discards what is only looked at",
@@ -533,6 +549,7 @@ EQUIVALENT_KINDS = {
     r"[-+] 1\.5\d*e-(06|09|12)\b": "half as much more of what is allowed for rounding",
     r"max(imum)?\([^()]*, 1\.5\d*e-\d+\)": "any small number guards a division by zero",
     r"\bclean\(.*, \d*1\)": "a message shows one more character of it",
+    r"^for _ in range\(\d+\):$": "one more step of an iteration that has converged",
     r"^NEVER_NS = ": "later than every flight",
     r"\bPARKED_M\b": "what is parked out of the way meets nobody there, nor beside it",
     r"^BLOCK(_SAMPLES)? = ": "drawn or computed one more at a time, the numbers are the same",

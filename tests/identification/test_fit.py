@@ -15,6 +15,7 @@ from heli_twin.identification.fit import (
     Parameter,
     _delay_and_lag,
     _directions,
+    _slopes,
     check_answer,
     excited,
     fit_axis,
@@ -126,6 +127,30 @@ def test_what_excites_an_axis_is_enough_input_that_the_speed_does_not_explain():
         excited("x", [piece(0.2, own=0.019)])
 
 
+@pytest.mark.parametrize(("axis", "least"), [("x", 0.1), ("y", 0.1), ("z", 0.015), ("yaw", 0.02)])
+def test_each_axis_needs_its_own_excitation(axis, least):
+    """Of what acts a tenth of a second later, without its mean."""
+    t = 2 * np.pi * np.arange(400) / 400
+
+    def stretch(size):
+        def acting(delay, lag):
+            return 0.5 + size * np.sqrt(2) * np.sin(t) * ((delay, lag) == (0.1, 0.0))
+
+        return Stretch("flight", t, {axis: Equation(t, acting, None, np.ones((400, 1)))})
+
+    enough = stretch(1.01 * least)
+    assert excited(axis, [stretch(0.99 * least), enough]) == [enough]
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.004, 0.05])
+def test_slopes_are_derivatives_by_delay_and_lag(lag):
+    """Exact for what changes evenly."""
+    t = np.linspace(0.0, 1.0, 5)
+    equation = Equation(t, lambda delay, lag: 3.0 * delay * t - 5.0 * lag + 2.0 * t, None, np.ones((5, 1)))
+    found = _slopes([equation], 0.2, lag, 7.0)
+    np.testing.assert_allclose(found, np.column_stack([21.0 * t, np.full(5, -35.0)]), atol=1e-9)
+
+
 def test_a_saved_model_has_no_negative_damping():
     found = Identified({"x": fit(b=(2.0, 0.1), k=(0.04, 0.09))}, ("flight",), 10.0)
     assert found.as_toml().splitlines()[-2:] == ["b_x = 2  # 1.9 to 2.1", "k_x = 0  # -0.05 to 0.13"]
@@ -206,11 +231,16 @@ def found_lag(accel, acting):
     return _delay_and_lag([Equation(accel, acting, None, np.ones((400, 1)))], accel)
 
 
-@pytest.mark.parametrize(("delay", "lag"), [(0.113, 0.02), (0.127, 0.06), (0.2, 0.2)])
+@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.113, 0.02), (0.127, 0.06), (0.2, 0.2)])
 def test_delay_and_lag_are_found_off_the_grid_of_the_search(delay, lag):
     acting = lagged({11: 1.0, 26: 0.6, 46: 0.4})
     # The last step is below 1e-6 s.
     assert found_lag(2.0 * acting(delay, lag), acting) == pytest.approx((delay, lag), abs=1e-5)
+
+
+def test_the_longest_delay_is_four_tenths_of_a_second():
+    acting = lagged({11: 1.0, 26: 0.6})
+    assert found_lag(acting(0.45, 0.0), acting)[0] == 0.4
 
 
 def test_what_acts_more_sharply_than_the_input_has_no_lag():

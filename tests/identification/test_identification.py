@@ -14,7 +14,7 @@ from controllers.trajectories.doublets import Doublets
 from controllers.trajectories.hover import Hover
 from heli_twin.cli import main
 from heli_twin.experiment.text import load
-from heli_twin.identification.data import GRID_S, MAX_GAP_S, WINDOW_S, angles_of, stretches
+from heli_twin.identification.data import GRID_S, MAX_GAP_S, WINDOW_S, angles_of, clean_poses, stretches
 from heli_twin.identification.figure import residual_figures
 from heli_twin.identification.fit import MEMORY_S, IdentificationError, half_widths
 from heli_twin.identification.flights import HEIGHT_AND_YAW_FLIGHTS, PLANE_FLIGHTS, experiments, fly_them
@@ -107,6 +107,44 @@ def test_what_swings_once_in_the_length_of_the_window_is_halved(axis):
     # Central differences of a sine.
     np.testing.assert_allclose(found.speed, 0.5e-3 * np.sin(w * h) / h * np.cos(w * t), atol=1e-9)
     np.testing.assert_allclose(found.accel, -1e-3 * (1.0 - np.cos(w * h)) / h**2 * np.sin(w * t), atol=1e-7)
+
+
+@pytest.mark.parametrize(("lost", "pieces"), [(8, 1), (10, 2)])
+def test_a_gap_of_more_than_a_tenth_of_a_second_ends_a_stretch(lost, pieces):
+    log = flown(seconds=14.0)
+    kept = np.ones(1400, bool)
+    kept[700 : 700 + lost] = False
+    log.pose = SimpleNamespace(**{name: column[kept] for name, column in vars(log.pose).items()})
+    assert len([*stretches(log, "gap")]) == pieces
+
+
+@pytest.mark.parametrize(("height", "pieces"), [(0.19, 0), (0.21, 1)])
+def test_who_is_below_twenty_centimetres_is_near_the_floor(height, pieces):
+    log = flown(seconds=9.0)
+    log.pose.position[:, 2] = height
+    assert len([*stretches(log, "low")]) == pieces
+
+
+def standing(poses):
+    """A log of a helicopter that stands in the air, level, to the north."""
+    stamp = 10_000_000 * np.arange(poses)
+    quat = np.tile([1.0, 0.0, 0.0, 0.0], (poses, 1))
+    return SimpleNamespace(pose=SimpleNamespace(stamp=stamp, position=np.ones((poses, 3)), quat_wxyz=quat))
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("off", "turn", "kept"), [(0.0049, 0.049, 20), (0.0051, 0.0, 19), (0.0, 0.051, 19)])
+def test_an_outlier_is_five_millimetres_or_a_twentieth_of_a_radian_off(axis, off, turn, kept):
+    log = standing(20)
+    log.pose.position[7, axis] += off
+    log.pose.quat_wxyz[7, [0, 1 + axis]] = np.cos(turn / 2), np.sin(turn / 2)
+    assert [len(part) for part in clean_poses(log)] == [kept] * 3
+
+
+@pytest.mark.parametrize(("poses", "kept"), [(4, 0), (5, 5)])
+def test_fewer_than_five_poses_have_no_outliers_and_are_left_out(poses, kept):
+    time, position, unit = clean_poses(standing(poses))
+    assert (time.shape, position.shape, unit.shape) == ((kept,), (kept, 3), (kept, 4))
 
 
 def test_a_tilt_pushes_in_proportion_to_the_thrust_over_its_mean():

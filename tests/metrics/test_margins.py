@@ -45,6 +45,12 @@ def test_of_several_crossings_the_least_delay_and_the_highest_frequency_count():
     assert ours.gain == np.inf
 
 
+def test_a_loop_that_has_turned_by_more_than_half_a_circle_has_the_rest_of_the_circle():
+    at, phase = np.array([1.0, 2.0, 4.0, 8.0]), np.radians([-150.0, -180.0, -210.0, -210.0])
+    ours = margins(LoopResponse(at, np.array([2.0, 2.0, 2.0, 0.5]) * np.exp(1j * phase)))
+    assert ours.delay == pytest.approx(np.radians(330.0) / (4.0 * np.sqrt(2.0)), rel=1e-6)
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_the_peak_sensitivity_may_be_at_the_first_or_the_last_frequency(order):
     ours = margins(LoopResponse(np.array([1.0, 2.0, 4.0]), np.array([-0.75, -0.5, -0.2], complex)[::order]))

@@ -138,6 +138,12 @@ def test_it_stands_on_its_feet_and_another_body_that_lies_there_is_not_it():
     assert held([0, 0, -0.4905, 0], 1.0, spec, np.array([0, 0, 0.03, 0, 0, 0, 0, 0.0])).touching
 
 
+def test_the_longest_foot_stands_in_the_floor_first():
+    uneven = Airframe(model=changed(("0.05 0.05 -0.02", "0.05 0.05 -0.03")))
+    with pytest.raises(ValueError, match=r"at a height of 0\.022 m the helicopter would stand 0\.011 m in the floor"):
+        uneven.start(np.array([0, 0, 0.022, 0, 0, 0, 0, 0.0]))
+
+
 def test_a_model_that_diverges_is_an_outcome(tmp_path, capsys):
     wild = tmp_path / "wild.xml"
     wild.write_text(changed(('biasprm="0 0 -0.0011"', 'biasprm="0 0 -50"'), ("implicitfast", "Euler")))

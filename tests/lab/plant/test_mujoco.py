@@ -476,7 +476,9 @@ def test_what_cannot_be_flown_is_refused(until, u):
 
 def test_a_time_between_two_steps_is_told_with_now_and_the_step():
     plant = NOMINAL.start(at())
-    plant.advance(20 * MS, HOVER, STILL_AIR)
+    for until in (20 * MS, 20 * MS):
+        plant.advance(until, HOVER, STILL_AIR)
+        assert plant.truth().stamp == until
     with pytest.raises(ValueError, match="until = 20500000 ns has to be 20000000 ns plus whole steps of 1000000 ns"):
         plant.advance(20_500_000, HOVER, STILL_AIR)
 
