@@ -40,7 +40,7 @@ def flown_reach(log: Log) -> Envelope:
         speed=float(np.hypot(velocity[:, 0], velocity[:, 1]).max()),
         climb=float(np.abs(velocity[:, 2]).max()),
         yaw_rate=float(np.abs(truth.yaw_rate[flies]).max()),
-        tilt=float(np.arccos(np.clip(upright, -1.0, 1.0)).max()),
+        tilt=float(np.arccos(np.maximum(upright, -1.0)).max()),
         height=(float(height.min()), float(height.max())),
         stick_low=low,  # pyright: ignore[reportArgumentType]
         stick_high=high,  # pyright: ignore[reportArgumentType]

@@ -64,7 +64,7 @@ def _least(a: tuple[Array, Array], b: tuple[Array, Array], axes: int) -> tuple[f
     if not len(start):
         return float(np.linalg.norm(apart[0, :axes])), float(time[0])
     square = np.einsum("ij,ij->i", move, move)
-    share = np.clip(-np.einsum("ij,ij->i", start, move) / np.maximum(square, 1e-300), 0.0, 1.0)
+    share = np.clip(-np.einsum("ij,ij->i", start, move) / np.maximum(square, 1e-15), 0.0, 1.0)
     distance = np.linalg.norm(start + share[:, None] * move, axis=1)
     i = int(np.argmin(distance))
     return float(distance[i]), float(time[i] + share[i] * (time[i + 1] - time[i]))

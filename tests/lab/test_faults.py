@@ -11,7 +11,7 @@ from heli_twin import fly
 from heli_twin.experiment.families import members
 from heli_twin.experiment.text import load
 from heli_twin.experiment.values import SMALLEST
-from heli_twin.lab.compute import NoComputeTime
+from heli_twin.lab.compute import Modelled, NoComputeTime
 from heli_twin.lab.faults import Faults, Hooks, Spells
 from heli_twin.lab.faults.clock_error import ClockError
 from heli_twin.lab.faults.command_duplicate import CommandDuplicate
@@ -221,6 +221,16 @@ def test_swaps_and_drifts_go_in_any_level_direction():
 
 def test_without_a_computing_time_a_command_is_ready_at_once():
     assert NoComputeTime().latency_ns(rng()) == 0
+
+
+def test_a_control_step_takes_its_latency_give_or_take_its_spread():
+    source = rng()
+    took = np.array([Modelled(latency=0.006, spread=0.001).latency_ns(source) for _ in range(2000)])
+    assert 5 * MS <= took.min() < 5.01 * MS
+    assert 6.99 * MS < took.max() <= 7 * MS
+    # Uniform: four deviations of the mean of 2000.
+    assert took.mean() == pytest.approx(6 * MS, abs=4 * MS / np.sqrt(3 * 2000))
+    assert min(Modelled(latency=0.0005, spread=0.001).latency_ns(source) for _ in range(50)) == 0
 
 
 def test_a_calibration_drifts_at_its_speed():
