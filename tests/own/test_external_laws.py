@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -224,6 +225,13 @@ def test_the_limit_has_to_be_a_time(here: Path, monkeypatch: pytest.MonkeyPatch)
     assert limit_from_environment() == 3600.0
     monkeypatch.delenv(LIMIT_VARIABLE)
     assert limit_from_environment() == 10.0
+
+
+def test_a_program_that_never_reads_holds_nobody_up() -> None:
+    """A line that is longer than a pipe can hold."""
+    process = LineProcess([sys.executable, "-c", "import time; time.sleep(60)"], 0.3)
+    with closing(process), pytest.raises(ProcessFailed, match=r"within 0\.3 s"):
+        process.ask("x" * 1_000_000)
 
 
 def test_a_program_that_reads_the_end_of_its_input_has_time_to_end(tmp_path: Path) -> None:

@@ -75,6 +75,11 @@ def test_plans_climb_at_half_a_metre_a_second_and_turn_at_two_radians_a_second(s
         assert not knots[-1, 1:].any(), "it ends at rest"
 
 
+def test_the_distance_is_weighted_at_every_knot_from_the_next_one_on():
+    """Of two steps of 1 s: an acceleration of 1 m/s^2 at the middle knot moves this by 1/6 m, and the last by 1 m."""
+    np.testing.assert_allclose(PlanQp(2, 1.0, 1, Effort(1.0, 1.0, 0.0, 0.0))._H, [[2.0 * (1.0 / 36.0 + 1.0)]])
+
+
 def test_the_weight_of_the_jerk_is_that_of_its_textbook_square():
     """The acceleration runs straight from knot to knot: of one that rises by 1 m/s^2 and falls in 0.1 s each, 200."""
     weights = {w_j: PlanQp(4, H, 1, Effort(1.0, 1.0, 0.0, w_j)) for w_j in (0.0, 1.0)}
