@@ -100,8 +100,7 @@ class Held:
 
     def integral(self, t: Array) -> Array:
         """Return the integral (n, m) up to ascending times (n,)."""
-        i = self._place(t)
-        return self.once[i] + self.u[i] * (t - self.t[i])[:, None]
+        return np.stack([np.interp(t, self.t, column) for column in self.once.T], axis=-1)
 
     def double_integral(self, t: Array) -> Array:
         """Return the integral (n, m) of the integral."""

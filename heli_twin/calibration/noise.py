@@ -87,8 +87,9 @@ class _Filter:
         self._transition[:, WIND, WIND] = np.exp(-BIN_S / np.exp(eta[1])) * np.eye(2)
         self._transition[:, SLOW, SLOW] = np.exp(-BIN_S / SLOW_TIME_S) * np.eye(3)
         self._chance, begin = _chance(eta, first_wind)
-        self._covariance = np.broadcast_to(np.diag(begin), (w, N, N))
-        self._state = np.zeros((w, N, columns))
+        # The covariance and the rows' states beside it: one product moves both.
+        self._both = np.zeros((w, N, N + columns))
+        self._both[:, range(N), range(N)] = begin
 
     def _poses(self, k: int) -> Array:
         """The pose (w, 6, N) of a bin by the state."""
@@ -103,30 +104,28 @@ class _Filter:
         seen = self._poses(k)
         seen *= is_seen[:, None, None]
         noise = np.where(is_seen[:, None], self._white / np.maximum(self._air.frames[:, k], 1.0)[:, None], np.ones(6))
-        at_poses = seen @ self._covariance
-        innovation = at_poses @ seen.transpose(0, 2, 1)
+        at_poses = seen @ self._both
+        innovation = at_poses[..., :N] @ seen.transpose(0, 2, 1)
         innovation[:, range(6), range(6)] += noise
         root = np.linalg.cholesky(innovation)
+        at_poses[..., N:] -= rows
         # Many small systems: the inverse takes an eighth of the time of a solution.
-        inverse = np.linalg.inv(root)
-        white, gain = inverse @ (rows - seen @ self._state), inverse @ at_poses
-        back = gain.transpose(0, 2, 1)
-        self._state = self._state + back @ white
-        self._covariance = self._covariance - back @ gain
-        return white, np.asarray(root, np.float64)
+        white = np.linalg.inv(root) @ at_poses
+        self._both -= white[..., :N].transpose(0, 2, 1) @ white
+        return -white[..., N:], np.asarray(root, np.float64)
 
     def foresee(self, k: int) -> tuple[Array, Array]:
         """Return the rows (w, 6, c) to be expected in a bin, and the variance (w, 6) of a pose about them."""
         seen = self._poses(k)
-        variance = np.einsum("wij,wjk,wik->wi", seen, self._covariance, seen, optimize=True)
-        return seen @ self._state, variance + self._white / np.maximum(self._air.frames[:, k], 1.0)[:, None]
+        variance = np.einsum("wij,wjk,wik->wi", seen, self._both[..., :N], seen, optimize=True)
+        return seen @ self._both[..., N:], variance + self._white / np.maximum(self._air.frames[:, k], 1.0)[:, None]
 
     def advance(self, k: int) -> None:
         """Go on from a bin to the next."""
         t, transition = self._air.transitions, self._transition
         transition[:, :12, :12], transition[:, :12, WIND] = t.state[:, k], t.state_by_wind[:, k]
-        self._state = transition @ self._state
-        self._covariance = transition @ self._covariance @ transition.transpose(0, 2, 1) + self._chance
+        self._both = transition @ self._both
+        self._both[..., :N] = self._both[..., :N] @ transition.transpose(0, 2, 1) + self._chance
 
 
 def whiten(air: Windage, eta: Array, rows: Array, first_wind: float = FIRST_WIND) -> tuple[Array, Array]:
