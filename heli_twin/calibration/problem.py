@@ -61,6 +61,8 @@ BLIND = 30.0
 """Standard deviations of the noise by the prior's ones in a first fit, whose residuals are errors of the parameters."""
 SOON = Later(frames=2e-5), Later(servo=1e-4)
 """Steps of the differences for `frame_phase` and `servo_phase`."""
+MOST_DOUBTS = 40
+"""Frames of a window that are unknowns, at most: with a jitter of some milliseconds nearly all are in doubt, as noise."""
 LASTING_S = 0.06
 """Time for which a command before a window still matters in it: of its first state, the actuators are no part."""
 
@@ -146,7 +148,7 @@ class Problem:
         return self.measured(h, state), jacobian, first * seen
 
     def doubts(self, state: State) -> list[Later]:
-        """Return the frames in doubt, so divided that no window has two of a part."""
+        """Return the frames in doubt, so divided that no window has two of a part; none if they are too many."""
         most = 0
         for i, flight in enumerate(self.flights):
             framed = state.framed[i]
@@ -159,7 +161,7 @@ class Problem:
                 ends = begin - LASTING_S, begin + STEP_S * (self.weights.shape[1] - 1)
                 first, last = (np.searchsorted(acts, end) for end in ends)
                 most = max(most, int((last - first).max()))
-        return [Later(doubt=Doubt(number, most)) for number in range(most)]
+        return [Later(doubt=Doubt(number, most)) for number in range(most if most <= MOST_DOUBTS else 0)]
 
     def windage(self, state: State) -> noise.Windage:
         """Return what chance does along the windows of a state."""

@@ -82,6 +82,8 @@ def test_no_window_has_two_frames_in_doubt_of_a_part(log):
     problem = Problem([flight], lab_of(LAB), theta)
     assert problem.doubts(problem.initial()) == []
     state = problem.initial()._replace(theta=theta, framed=(0.003,))
+    hasty = Problem([flight_of(log, "flight", replace(lab_of(LAB), jitter=0.01), None)], lab_of(LAB), theta)
+    assert hasty.doubts(state) == []
     parts = [later.doubt for later in problem.doubts(state)]
     assert [part.number for part in parts] == list(range(parts[0].every))
     drives = problem._drives(state, [theta] * (1 + len(parts)), [Later(), *problem.doubts(state)])
