@@ -103,3 +103,14 @@ def test_before_the_first_message_others_are_taken_to_begin_their_wishes():
     planner = Admm().planner_of("s0", [Ship(name, wish, MODEL) for name, wish in wishes.items()])
     expected = wishes["s1"].flat(0.1 * np.arange(1, 4)).z[:, :2]
     np.testing.assert_allclose(planner._others["s1"].x[:3], expected, atol=1e-9)
+    np.testing.assert_allclose(planner._x[:3], wishes["s0"].flat(0.1 * np.arange(1, 4)).z[:, :2], atol=1e-9)
+
+
+@pytest.mark.parametrize(("seconds", "is_slow"), [(16.0, True), (14.5, False)])
+def test_a_wish_faster_than_plans_may_fly_by_half_is_planned(seconds, is_slow):
+    """12 m in 14.5 s need 1.55 m/s in the middle, in 16 s 1.41 m/s; a stop needs less than 3 m/s^2."""
+    wish = Waypoints(points=((0.0, 0.0, 1.0, 0.0), (12.0, 0.0, 1.0, 0.0)), times=(0.0, seconds))
+    planner = Admm(acceleration=2.0).planner_of("a", [Ship("a", wish, MODEL)])
+    first = round(5.0 * seconds)
+    planner._shift(first, planner._own.wished(first - 1, 26))
+    assert planner._may_wish == is_slow
