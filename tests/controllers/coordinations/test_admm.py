@@ -114,3 +114,18 @@ def test_a_wish_faster_than_plans_may_fly_by_half_is_planned(seconds, is_slow):
     first = round(5.0 * seconds)
     planner._shift(first, planner._own.wished(first - 1, 26))
     assert planner._may_wish == is_slow
+
+
+def test_a_formation_that_is_where_it_wants_to_be_stays():
+    wishes = {"a": Hover(x=1.5, y=-1.0), "b": Hover(x=1.5, y=1.0)}
+    flown = meet(wishes, 1.5, Admm(together=20.0)).flown[:, :, :2]
+    np.testing.assert_allclose(flown, np.tile([[1.5, -1.0], [1.5, 1.0]], (150, 1, 1)), atol=1e-3)
+
+
+def test_two_that_hardly_move_are_pushed_apart_straight():
+    one, other = np.tile([0.3, 0.0], (21, 1)), np.tile([0.0, 0.1], (21, 1))
+    agreed = apart(one, other, 0.5, False)
+    there = np.array([0.3, -0.1])
+    straight = 0.5 * (0.5 - np.hypot(*there)) * there / np.hypot(*there)
+    np.testing.assert_allclose(agreed, [one + straight, other - straight], atol=1e-12)
+    np.testing.assert_array_equal(apart(one + 1.0, other, 0.5, False), [one + 1.0, other], "far apart they stay")

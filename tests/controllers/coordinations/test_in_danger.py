@@ -10,6 +10,7 @@ from controllers.emergency import STOPS
 from controllers.signals import Array
 from controllers.trajectories.circle import Circle
 from controllers.trajectories.hover import Hover
+from controllers.trajectories.waypoints import Waypoints
 
 SPEC = Sequential()
 BLOWN_AWAY = np.array([0.35, 0.2, 1.0, 0.0, 0.4, 0.2, 0.0, 0.0])
@@ -120,3 +121,12 @@ def test_what_is_wished_faster_than_plans_may_fly_by_half_is_planned():
         reasons.add(planner.note.reason)
         assert np.abs(planner.committed.knots[:, 2, :2]).max() <= 1.5 * SPEC.acceleration + 1e-9
     assert "planned" in reasons
+
+
+def test_a_climb_is_flown_as_it_is_wished():
+    """At almost 2 m/s: the limits of plans are in the plane."""
+    rows = ((0.0, 0.0, 0.5, 0.0), (0.0, 0.0, 2.5, 0.0))
+    planner = SPEC.planner_of("a", [Ship("a", Waypoints(points=rows, times=(0.0, 1.9)).fitted(MODEL), MODEL)])
+    while planner.due < 2_500_000_000:
+        planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)
+        assert planner.note.reason == ""
