@@ -77,7 +77,7 @@ def named(words: Sequence[str]) -> Marks:
             path = Path(word).absolute()
             marks[place], paths[place] = f"{path.name}@{_hash(path)}", str(path)
             files.append(_file(place, path))
-        elif place == 0 or not word.isprintable() or "/" in word or "\\" in word:
+        elif not word.isprintable() or "/" in word or "\\" in word:
             what = (
                 "a path has to name a file, whose content is logged in its place" if place else "there is no such file"
             )

@@ -85,7 +85,10 @@ OTHER_NAMES = {
         }.items()
     },
     "heli_twin/several/room.py": ["several/test_room.py", "lab/test_downwash.py"],
-    "controllers/coordinations/sequential.py": ["controllers/coordinations/test_sequential.py"],
+    "controllers/coordinations/sequential.py": [
+        "controllers/coordinations/test_in_danger.py",
+        "controllers/coordinations/test_sequential.py",
+    ],
     "heli_twin/metrics/several.py": ["metrics/test_several.py", "several/test_room.py"],
     "heli_twin/lab/compute.py": ["lab/test_faults.py", "lab/test_chance.py", "flights/test_flights.py"],
     "heli_twin/lab/plant/contract.py": ["lab/plant/test_airframe.py"],

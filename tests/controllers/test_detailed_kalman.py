@@ -1,6 +1,7 @@
 """The detailed filter's transitions: what walks spreads with the time, what is constant stays."""
 
 import numpy as np
+import pytest
 
 from controllers.detailed_model import DetailedModel
 from controllers.estimators.detailed_kalman import DetailedKalman
@@ -93,3 +94,14 @@ def test_a_jump_that_lasts_is_where_it_is_and_counted_until_it_is_believed():
     x = estimator.estimate(now).x
     np.testing.assert_allclose(x[:4], [0.5, 0.0, 1.3, 0.4], atol=0.02)
     assert estimator.estimate(now).rejected == refused
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_a_pose_that_is_not_finite_is_refused_and_counted(place):
+    estimator, still = DetailedKalman().start(DetailedModel()), np.array([1.0, 0.0, 0.0, 0.0])
+    estimator.receive(0, Pose(0, np.array([0.0, 0.0, 1.0]), still))
+    before = estimator.estimate(20 * MS)
+    estimator.receive(10 * MS, Pose(10 * MS, np.where(np.arange(3) == place, np.nan, [0.0, 0.0, 1.0]), still))
+    after = estimator.estimate(20 * MS)
+    np.testing.assert_array_equal(after.x, before.x)
+    assert (before.rejected, after.rejected) == (0, 1)

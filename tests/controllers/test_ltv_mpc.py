@@ -366,3 +366,11 @@ def test_limits_and_feed_forward_are_the_believed_model_s():
     assert np.abs(command.plan.u[:, 3]).max() == pytest.approx(0.1, abs=1e-4)
     nan = spec.start().step(0, estimate(np.full(8, np.nan)), planned(Hover(), 0, spec.steps))
     assert nan.u[2] == pytest.approx(9.81 / 20.0, rel=1e-15)
+
+
+@pytest.mark.parametrize("turns", [-3, -1, 1, 40])
+def test_whole_turns_of_the_estimate_are_no_error(turns):
+    x, reference = np.array([0.05, -0.03, 1.02, 0.2, 0.1, 0.0, -0.1, 0.3]), planned(Hover(), 0, LtvMpc().steps)
+    turned = x + np.array([0, 0, 0, 2.0 * np.pi * turns, 0, 0, 0, 0])
+    expected, answer = (decided(LtvMpc().start(), 0, each, reference) for each in (x, turned))
+    np.testing.assert_allclose(answer.plan.u, expected.plan.u, rtol=0, atol=1e-9)

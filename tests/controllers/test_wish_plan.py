@@ -74,7 +74,8 @@ def test_the_rest_of_a_way_to_the_wish_is_kept(meets: int, steps: int):
 @pytest.mark.parametrize(("speed", "length"), [(0.7, 1.0), (-0.7, 1.0), (0.1, 0.3)])
 def test_a_stop_takes_as_long_as_its_acceleration_allows_and_no_less_than_03_s(speed: float, length: float):
     state = np.zeros((3, 4))
-    state[0], state[1, 1] = [0.1, 0.2, 1.0, 0.3], speed
+    # A turn of the heading makes it no longer.
+    state[0], state[1, 1], state[1, 3] = [0.1, 0.2, 1.0, 0.3], speed, 2.0
     knots = PLAN.stop(state, 0.7)
     assert len(knots) == PLAN.longest + 2
     np.testing.assert_array_equal(knots[0], state)
@@ -83,7 +84,7 @@ def test_a_stop_takes_as_long_as_its_acceleration_allows_and_no_less_than_03_s(s
     assert np.abs(knots[k - 1, 1:]).max() > 1e-3
     np.testing.assert_allclose(knots[k:, 0], np.tile(rest, (len(knots) - k, 1)), atol=1e-12)
     assert np.abs(knots[k:, 1:]).max() < 1e-9
-    assert np.abs(knots[:, 2]).max() <= 1.5 * 0.7 + 1e-9
+    assert np.abs(knots[:, 2, :3]).max() <= 1.5 * 0.7 + 1e-9
 
 
 def test_a_whole_plan_has_a_knot_before_it_and_rests_behind():

@@ -130,3 +130,12 @@ def test_a_climb_is_flown_as_it_is_wished():
     while planner.due < 2_500_000_000:
         planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)
         assert planner.note.reason == ""
+
+
+def test_the_goal_that_is_told_is_where_the_wish_is_at_the_end_of_the_plan():
+    wish = to((-3.0, 0.5), (3.0, 0.5))
+    planner = SPEC.planner_of("a", [Ship("a", wish, MODEL)])
+    for _ in range(15):
+        told = planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)[0].body["a"]
+    # A plan of turn 14 begins at the knot 15, and is 20 steps long.
+    np.testing.assert_allclose(told.goal, wish.flat(np.array([3.5])).z[0, :2], atol=1e-12)
