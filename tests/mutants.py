@@ -534,6 +534,34 @@ EQUIVALENT = {
         "controllers/separation.py",
         "FINE = 5",
     ): "one more sample in each step is as safe",
+    (
+        "controllers/laws/detailed_mpc.py",
+        "AB = plane[1]",
+    ): "all its matrices are equal",
+    (
+        "controllers/coordinations/sequential.py",
+        "if np.abs(old[1:, 0, axis] - target[:, axis]).max() >= 1e-9:",
+    ): "differs only for a distance equal to the limit in all digits",
+    (
+        "controllers/coordinations/sequential.py",
+        "near = scene.room(scene.old) <= NEAR_M",
+    ): "differs only for a distance equal to the limit in all digits",
+    (
+        "controllers/proxqp.py",
+        "return 2.0 ** max(1, round(log2(SMALLEST_CURVATURE / least)))",
+    ): "another power of two scales the same problem",
+    (
+        "controllers/wish_plan.py",
+        "slowed = since >= 0.0",
+    ): "at that time the slowed clock reads and runs as the other",
+    (
+        "controllers/reference.py",
+        "self._first, self._x, self._u = 0, np.empty((1, 8)), np.empty((0, 4))",
+    ): "it is filled before it is read",
+    (
+        "controllers/reference.py",
+        "if i < 1 or i + steps + 1 > len(self._x):",
+    ): "it is filled once more with the same",
 }
 """Mutations that change nothing a test could see: (module, mutated line without its indent) to the reason."""
 EQUIVALENT_KINDS = {
