@@ -11,6 +11,8 @@ from controllers.signals import Array
 
 Mask = NDArray[np.bool_]
 
+NEAR_M = 0.4
+"""Others whose plans come nearer than the distance to keep and this are in the first QP; further ones if need be."""
 BETWEEN_M = 0.012
 """Added to the distance to keep at the knots, for what is between them: half the square of 2 m/s times 0.05 s, by
 0.45 m, and the bend of the path."""

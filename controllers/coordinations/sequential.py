@@ -36,9 +36,10 @@ from annotated_types import Ge, Gt, Le, Unit, doc
 
 from controllers.coordinations import CommittedPlan, Message, Note, Outcome, Ship
 from controllers.emergency import STOPS, berth_of, lost_since, strayed
+from controllers.escape import Escape, Haste
 from controllers.plan_qp import Effort, PlanQp
 from controllers.right_of_way import UNHEARD, Manners, RightOfWay, Told
-from controllers.scene import Mask, Scene
+from controllers.scene import NEAR_M, Mask, Scene
 from controllers.separation import FINE, bend_of, distances, fine_path, knots_from, reach
 from controllers.signals import Array, Estimate, nanoseconds
 from controllers.take_off import before_take_off
@@ -49,10 +50,6 @@ ALLOWANCE = 1.5
 """The wish may need this multiple of the limits on plans: it is flown as it is where it is clear."""
 PUSHES = (0.5, 0.15, 0.0)
 """Shares of the acceleration of plans at which to move away from one that cannot go on, tried in this order."""
-AWAY_M = 0.5
-"""Who is in danger flies this far away from it."""
-NEAR_M = 0.4
-"""Others that come nearer than the distance to keep and this are in the first QP; further ones if need be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,15 +118,13 @@ class SequentialPlanner:
         self._turns = Turns(max(self._step, nanoseconds(spec.hearing) * len(ships)), self._step, len(ships))
         self._bend = bend_of(ALLOWANCE * spec.acceleration, spec.period)
         self._plane = PlanQp(spec.steps, spec.period, 2, Effort(spec.speed, spec.acceleration))
-        self._escape = PlanQp(
-            spec.steps, spec.period, 2, Effort(spec.speed, spec.haste * spec.acceleration, 0.002, 0.0)
-        )
         self._height = PlanQp(spec.steps, spec.period, 1, Effort(0.5, 1.0))
         self._heading = PlanQp(spec.steps, spec.period, 1, Effort(2.0, 6.0))
         manners = Manners(spec.period, spec.patience, spec.distance, spec.aside, spec.half_width, spec.ahead)
         self._way = RightOfWay(ship, manners)
         wishes = {each.name: WishPlan(each.wish, spec.period, spec.steps) for each in ships}
         self._own = wishes[ship]
+        self._escape = Escape(self._own, Haste(spec.speed, spec.acceleration, spec.haste, spec.stop, spec.turn))
         first = before_take_off(wishes, self._step, spec.distance, self._bend)
         self.committed = first.pop(ship)
         self._heard = {name: Told(-1, plan, (0.0, 0.0), -1, name, False) for name, plan in first.items()}
@@ -222,23 +217,12 @@ class SequentialPlanner:
         if self.note.reason == STOPS:
             self.note = Note("kept", STOPS)
             return
-        allowed = np.where(scene.in_danger, np.minimum(scene.room(scene.old), 0.0), 0.0)
-        straight = np.concatenate([scene.old[:1], self._own.stop(scene.old[1], spec.stop * spec.acceleration)[:-1]])
-        old, target = scene.old[1 : spec.steps + 2], np.tile(straight[-1, 0, :2], (spec.steps, 1))
-        self.note = Note("kept", "no room to stop")
-        for near in (None, scene.room(scene.old) < NEAR_M, np.ones(len(scene.names), bool)):
-            knots, iterations = straight, 0
-            if near is not None:
-                sides = scene.half_spaces(near, 0.0, spec.steps, spec.haste * spec.acceleration)
-                plane, iterations = self._escape(old[:, :, :2], target, sides), self._escape.iterations
-                if plane is None:
-                    continue
-                steps = np.concatenate([plane, straight[1 : spec.steps + 2, :, 2:]], axis=2)
-                knots = self._own.whole(scene.old[0], steps)
-            if (scene.room(knots) >= allowed).all():
-                self._commit(scene, knots)
-                self.note = Note("committed", STOPS, False, iterations)
-                return
+        knots, iterations = self._escape.to_rest(scene)
+        if knots is None:
+            self.note = Note("kept", "no room to stop")
+            return
+        self._commit(scene, knots)
+        self.note = Note("committed", STOPS, False, iterations)
 
     def _choose(self, scene: Scene, target: Array, is_free: bool) -> tuple[Outcome, str, int]:
         """Commit the first candidate that is clear; return the outcome, its reason and ProxQP's iterations."""
@@ -299,29 +283,9 @@ class SequentialPlanner:
         return self._own.whole(scene.old[0], knots), iterations
 
     def _save(self, scene: Scene) -> tuple[Outcome, str, int]:
-        """Commit what comes least near to one that has left its plan and lies ahead; return as `_choose` does.
-
-        From all others it keeps its distance, or it keeps the old plan.
-        """
-        spec, old, danger = self._spec, scene.old[1 : self._spec.steps + 2], scene.in_danger
-        away = scene.here - scene.knots[danger, 1].mean(axis=0)
-        target = np.tile(scene.here + AWAY_M * away / max(float(np.hypot(*away)), 1e-6), (spec.steps, 1))
-        near, iterations = scene.room(scene.old) < NEAR_M + AWAY_M, 0
-        best, most = None, scene.room(scene.old)[danger].min()
-        candidates = [
-            np.concatenate([scene.old[:1], self._own.stop(scene.old[1], spec.haste * spec.acceleration)[:-1]])
-        ]
-        for each in (near, near & ~danger):
-            sides = scene.half_spaces(each, spec.turn, spec.steps, 0.8 * spec.haste * spec.acceleration)
-            plane = self._escape(old[:, :, :2], target, sides)
-            iterations += self._escape.iterations
-            if plane is not None:
-                candidates.append(self._own.whole(scene.old[0], np.concatenate([plane, old[:, :, 2:]], axis=2)))
-        for knots in candidates:
-            room = scene.room(knots)
-            if (room[~danger] >= 0.0).all() and room[danger].min() > most + 1e-3:
-                best, most = knots, room[danger].min()
-        if best is None:
+        """Commit what comes least near to one that has left its plan and lies ahead; return as `_choose` does."""
+        knots, iterations = self._escape.away(scene)
+        if knots is None:
             return "kept", "in danger", iterations
-        self._commit(scene, best)
+        self._commit(scene, knots)
         return "committed", "in danger", iterations

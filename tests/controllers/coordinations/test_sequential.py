@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from meeting import MODEL, meet, random_flights, swap, to
+from meeting import MODEL, estimated, meet, random_flights, swap, to
 
 from controllers.coordinations import Message, Ship
 from controllers.coordinations.sequential import Sequential
 from controllers.emergency import STOPS
 from controllers.trajectories.circle import Circle
 from controllers.trajectories.hover import Hover
+from controllers.trajectories.waypoints import Waypoints
 from heli_twin.lab.network import Network
 
 LOSSY = Network(loss=0.3)
@@ -158,3 +159,33 @@ def test_a_start_that_is_too_near_is_refused():
     ships = [Ship(name, Hover(x=x), MODEL) for name, x in (("a", 0.0), ("b", 0.3))]
     with pytest.raises(ValueError, match=r"a and b start 0.30 m apart.*distance = 0.4 m"):
         Sequential().planner_of("a", ships)
+
+
+def test_what_is_wished_faster_than_plans_may_fly_by_half_is_planned():
+    """Alone in the room: a circle at 1.1 m/s that needs 1.9 m/s^2, where plans have 1 and a wish 1.5."""
+    ships = [Ship("a", Circle(radius=0.66, rate=1.7, ramp=2.0), MODEL)]
+    planner = Sequential().planner_of("a", ships)
+    reasons: set[str] = set()
+    while planner.due < 4_000_000_000:
+        planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)
+        reasons.add(planner.note.reason)
+        assert np.abs(planner.committed.knots[:, 2, :2]).max() <= 1.5 * Sequential().acceleration + 1e-9
+    assert "planned" in reasons
+
+
+def test_a_climb_is_flown_as_it_is_wished():
+    """At almost 2 m/s: the limits of plans are in the plane."""
+    rows = ((0.0, 0.0, 0.5, 0.0), (0.0, 0.0, 2.5, 0.0))
+    planner = Sequential().planner_of("a", [Ship("a", Waypoints(points=rows, times=(0.0, 1.9)).fitted(MODEL), MODEL)])
+    while planner.due < 2_500_000_000:
+        planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)
+        assert planner.note.reason == ""
+
+
+def test_the_goal_that_is_told_is_where_the_wish_is_at_the_end_of_the_plan():
+    wish = to((-3.0, 0.5), (3.0, 0.5))
+    planner = Sequential().planner_of("a", [Ship("a", wish, MODEL)])
+    for _ in range(15):
+        told = planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)[0].body["a"]
+    # A plan of turn 14 begins at the knot 15, and is 20 steps long.
+    np.testing.assert_allclose(told.goal, wish.flat(np.array([3.5])).z[0, :2], atol=1e-12)

@@ -8,9 +8,7 @@ from controllers.coordinations import Note, Planner, Ship
 from controllers.coordinations.sequential import Sequential
 from controllers.emergency import STOPS
 from controllers.signals import Array
-from controllers.trajectories.circle import Circle
 from controllers.trajectories.hover import Hover
-from controllers.trajectories.waypoints import Waypoints
 
 SPEC = Sequential()
 BLOWN_AWAY = np.array([0.35, 0.2, 1.0, 0.0, 0.4, 0.2, 0.0, 0.0])
@@ -109,33 +107,3 @@ def test_who_is_in_danger_and_has_room_flies_half_a_metre_away():
     assert three.turn().reason == "in danger"
     rest = three.planners["b"].committed.flat(np.array([9.0])).z[0, :2]
     np.testing.assert_allclose(rest, [0.5, 0.62] + 0.5 * away / np.hypot(*away), atol=0.01)
-
-
-def test_what_is_wished_faster_than_plans_may_fly_by_half_is_planned():
-    """Alone in the room: a circle at 1.1 m/s that needs 1.9 m/s^2, where plans have 1 and a wish 1.5."""
-    ships = [Ship("a", Circle(radius=0.66, rate=1.7, ramp=2.0), MODEL)]
-    planner = SPEC.planner_of("a", ships)
-    reasons: set[str] = set()
-    while planner.due < 4_000_000_000:
-        planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)
-        reasons.add(planner.note.reason)
-        assert np.abs(planner.committed.knots[:, 2, :2]).max() <= 1.5 * SPEC.acceleration + 1e-9
-    assert "planned" in reasons
-
-
-def test_a_climb_is_flown_as_it_is_wished():
-    """At almost 2 m/s: the limits of plans are in the plane."""
-    rows = ((0.0, 0.0, 0.5, 0.0), (0.0, 0.0, 2.5, 0.0))
-    planner = SPEC.planner_of("a", [Ship("a", Waypoints(points=rows, times=(0.0, 1.9)).fitted(MODEL), MODEL)])
-    while planner.due < 2_500_000_000:
-        planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)
-        assert planner.note.reason == ""
-
-
-def test_the_goal_that_is_told_is_where_the_wish_is_at_the_end_of_the_plan():
-    wish = to((-3.0, 0.5), (3.0, 0.5))
-    planner = SPEC.planner_of("a", [Ship("a", wish, MODEL)])
-    for _ in range(15):
-        told = planner.act(planner.due, estimated(planner.committed, planner.due, planner.due), True)[0].body["a"]
-    # A plan of turn 14 begins at the knot 15, and is 20 steps long.
-    np.testing.assert_allclose(told.goal, wish.flat(np.array([3.5])).z[0, :2], atol=1e-12)
