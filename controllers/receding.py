@@ -17,7 +17,7 @@ from controllers.fallback import safe_hover
 from controllers.ltv import Ltv, Subsystem, shift
 from controllers.model import Model
 from controllers.proxqp import ProxQp, Solution
-from controllers.signals import NX, Array, Command, Estimate, Plan, QpReport, Reference
+from controllers.signals import NX, VELOCITIES, Array, Command, Estimate, Plan, QpReport, Reference
 
 
 class RecedingSpec(Protocol):
@@ -139,7 +139,7 @@ class RecedingHorizon(ABC):
             du[:, columns], dv[:, columns] = part.reshape(shape), (cost.C @ part).reshape(shape)
             objective += 0.5 * float(cost.g @ part)
         np.add(ltv.u_nominal, du, u)
-        np.add(ltv.x_nominal[1:, 4:8], dv, speeds)
+        np.add(ltv.x_nominal[1:, VELOCITIES], dv, speeds)
         # To look for a 0 among the bytes takes a third of the time of `all`; NaN is not within.
         kept = 0 not in (free >= self._low).tobytes() and 0 not in (free <= self._high).tobytes()
         if kept and (not self._slow or self._limits.keep_travel(u, self.before)):

@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 NX = 8
 """Physical states: x y z yaw (world, m and rad), vx vy vz (body, m/s), yaw rate (rad/s)."""
+VELOCITIES = slice(4, NX)
+"""Their columns of velocities."""
 NU = 4
 """Inputs: pitch, roll, thrust, yaw; each a fraction of full stick. The paper's (u_x, u_y, u_z, u_psi)."""
 

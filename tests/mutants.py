@@ -93,7 +93,9 @@ OTHER_NAMES = {
     ],
     "heli_twin/metrics/several.py": ["metrics/test_several.py", "several/test_room.py"],
     "heli_twin/lab/compute.py": ["lab/test_faults.py", "lab/test_chance.py", "flights/test_flights.py"],
-    "heli_twin/lab/plant/contract.py": ["lab/plant/test_airframe.py"],
+    "heli_twin/lab/plant/contract.py": ["lab/plant/test_refused_airframes.py", "lab/plant/test_airframe.py"],
+    "heli_twin/lab/plant/airframe.py": ["lab/plant/test_airframe.py", "lab/plant/test_refused_airframes.py"],
+    "heli_twin/lab/plant/mjcf_text.py": ["lab/plant/test_refused_airframes.py"],
     "heli_twin/lab/plant/motion.py": ["lab/plant/test_mujoco.py", "lab/plant/test_airframe.py"],
     "heli_twin/lab/plant/twin.py": [
         "lab/plant/test_mujoco.py",

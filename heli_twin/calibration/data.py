@@ -22,7 +22,7 @@ WINDOW_STEPS, BIN_STEPS = 2000, 20
 BINS = WINDOW_STEPS // BIN_STEPS
 CHANNELS = ("x", "y", "z", "yaw", "pitch", "roll")
 LEAST_DOUBT = 0.03
-"""Least variance of which command a frame carries, 0 or 1, that counts as a doubt: the times are within the jitter."""
+"""Least variance p (1 - p) of which command a frame carries that counts as a doubt: p between 3 and 97 %."""
 LEAST_SHARE = 0.6
 """Share of the bins of a window that hold a pose; with fewer it is left out."""
 

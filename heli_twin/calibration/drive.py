@@ -126,7 +126,7 @@ class _Servos:
         return np.diff(twice, axis=0) / (STEP_S * wait)
 
     def _events_of(self, least: float, frames: Frames, begin: float) -> "_Events":
-        """What the servos meet, in the order of time."""
+        """Return the new commands and the begins of the servos' periods, in the order of time."""
         if frames.phase is None:
             t, u, anchor = self._sent.t + least, self._sent.u, least
         else:

@@ -64,7 +64,8 @@ SOON = Later(frames=2e-5), Later(servo=1e-4)
 MOST_DOUBTS = 40
 """Frames of a window that are unknowns, at most. With a jitter of several milliseconds most are in doubt, as noise."""
 LASTING_S = 0.06
-"""Time for which a command before a window still matters in it: of its first state, the actuators are no part."""
+"""Time for which a command before a window still matters in it, the lag of the thrust: of the window's first state, the
+actuators are no part."""
 
 
 class Problem:

@@ -1,4 +1,4 @@
-"""What a dotted path leads to in an experiment: a member of a family, or a field that holds the content of a file."""
+"""Finds the member of a family, or the field for the content of a file, at a dotted path of an experiment."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""What a log holds beside its columns: messages as they are in the file, events, plans, files, and the ending."""
+"""Messages, events, committed plans, turns of planners, attachments and the ending of a flight log."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple, get_args
@@ -84,7 +84,7 @@ class Ending(NamedTuple):
 
 
 class ShipRecord(NamedTuple):
-    """What a log says of one of several helicopters beside its messages."""
+    """Metadata and ending of one of several helicopters in a log of all."""
 
     metadata: Mapping[str, str]
     ending: Ending
@@ -100,7 +100,7 @@ class Committed(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """What the planner of one of several helicopters did in a turn."""
+    """A turn of the planner of one of several helicopters: its outcome, effort and messages."""
 
     time: int
     """ns."""

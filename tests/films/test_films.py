@@ -14,7 +14,7 @@ from PIL import Image
 from heli_twin import HeliTwinError, Log, fly, load, read_log
 from heli_twin.cli import main
 from heli_twin.films.film import Take, film
-from heli_twin.films.flights import cameras, drawing, pose, shown
+from heli_twin.films.flights import CameraKind, cameras, drawing, pose, shown
 from heli_twin.films.strip import Strip, axes
 from heli_twin.lab.plant.renderer import Ball, Camera, Line, Pose, Renderer
 
@@ -101,9 +101,9 @@ def test_between_samples_and_after_the_end_the_helicopter_is_somewhere(log: Log)
 
 
 @pytest.mark.parametrize("kind", ["room", "top"])
-def test_a_still_camera_sees_all_that_is_flown(log: Log, kind: str) -> None:
+def test_a_still_camera_sees_all_that_is_flown(log: Log, kind: CameraKind) -> None:
     flight = shown(log, "", 0)
-    placed = cameras([flight], kind, np.linspace(0, 2, 5), 2.0).still  # type: ignore[arg-type]
+    placed = cameras([flight], kind, np.linspace(0, 2, 5), 2.0).still
     a, e = np.radians([placed.azimuth, placed.elevation])
     ahead = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     left = np.array([-np.sin(a), np.cos(a), 0.0])
