@@ -9,13 +9,14 @@ from scipy.linalg import expm, null_space, solve_discrete_are
 from controllers import receding
 from controllers.condensed_qp import Condenser
 from controllers.flatness import feed_forward, state
-from controllers.laws.ltv_mpc import LtvMpc
+from controllers.laws.ltv_mpc import LtvMpc, LtvMpcController
 from controllers.ltv import Linearisation
 from controllers.model import Model, advance
 from controllers.proxqp import ProxQp
 from controllers.signals import Estimate, QpReport, Reference
 from controllers.trajectories.circle import Circle
 from controllers.trajectories.hover import Hover
+from controllers.trajectories.pirouette import Pirouette
 
 PERIOD = 0.02
 MODEL = Model()
@@ -374,3 +375,17 @@ def test_whole_turns_of_the_estimate_are_no_error(turns):
     turned = x + np.array([0, 0, 0, 2.0 * np.pi * turns, 0, 0, 0, 0])
     expected, answer = (decided(LtvMpc().start(), 0, each, reference) for each in (x, turned))
     np.testing.assert_allclose(answer.plan.u, expected.plan.u, rtol=0, atol=1e-9)
+
+
+def test_the_riccati_weight_is_turned_to_the_heading_at_the_end_of_the_horizon(monkeypatch):
+    spec, headings = LtvMpc(terminal="riccati"), []
+    turned = LtvMpcController._weights_at_heading
+    monkeypatch.setattr(
+        LtvMpcController, "_weights_at_heading", lambda self, yaw: headings.append(yaw) or turned(self, yaw)
+    )
+    reference = planned(Pirouette(rate=2.0, ramp=0.5), 100, spec.steps)
+    answer = decided(spec.start(), 100, reference.x[0], reference)
+    # Turning at 2 rad/s; the plan follows it, and what it began with has the planned inputs.
+    assert headings == [pytest.approx(reference.x[-1, 3], abs=1e-3)]
+    assert reference.x[-1, 3] - reference.x[1, 3] > 0.6
+    assert answer.qp.status == "solved"
