@@ -5,6 +5,7 @@ import pytest
 
 from controllers.detailed_model import DetailedModel
 from controllers.estimators.detailed_kalman import DetailedKalman
+from controllers.model import GRAVITY
 from controllers.signals import Pose
 
 MS = 1_000_000
@@ -105,3 +106,25 @@ def test_a_pose_that_is_not_finite_is_refused_and_counted(place):
     after = estimator.estimate(20 * MS)
     np.testing.assert_array_equal(after.x, before.x)
     assert (before.rejected, after.rejected) == (0, 1)
+
+
+def test_a_tilt_is_fused_up_to_twice_the_gate_of_a_position():
+    """In standard deviations; one beyond changes nothing, however far it is."""
+
+    def seen(share: float) -> tuple[np.ndarray, float, float]:
+        """The estimate after a tilt to the north, whose square is this share of the limit, and what it is made of."""
+        estimator = DetailedKalman().start(DetailedModel())
+        for k in range(30):
+            angle = 0.0 if k < 29 else np.sqrt(4.0 * DetailedKalman().gate * share * variance) / GRAVITY
+            quat = np.array([np.cos(0.5 * angle), 0.0, np.sin(0.5 * angle), 0.0])
+            estimator.receive(10 * k * MS, Pose(10 * k * MS, np.array([1e-6 * (k % 20), 0.0, 1.0]), quat))
+        tilt, spread = estimator.tilt_innovation
+        return np.array(estimator.estimate(300 * MS).extra), float(tilt[0]), float(spread[0])
+
+    variance = 0.0
+    variance = seen(0.0)[2]
+    fused, tilt, _ = seen(0.9)
+    assert tilt**2 == pytest.approx(3.6 * DetailedKalman().gate * variance, rel=0.05)
+    left, further = seen(1.15)[0], seen(1.4)[0]
+    np.testing.assert_array_equal(left, further)
+    assert np.abs(fused - left).max() > 1e-3

@@ -65,6 +65,13 @@ def test_who_moves_does_not_stand(moves: dict[str, Any]):
     assert not way.stands(4, scene(**moves), GOAL, GOAL, "planned")
 
 
+def test_who_climbs_on_the_spot_stands():
+    climbs = scene()
+    climbs.old[1:4, 1, 2] = 0.5
+    way = RightOfWay("me", MANNERS)
+    assert [way.stands(turn, climbs, GOAL, GOAL, "planned") for turn in range(5)] == [*[False] * 4, True]
+
+
 @pytest.mark.parametrize("reason", ["", JOINS, f"{UNHEARD} b"])
 def test_who_flies_its_wish_or_waits_for_news_does_not_stand(reason: str):
     way = RightOfWay("me", MANNERS)
